@@ -17,10 +17,10 @@ from _shared import arguments
 from scipy.signal import lfilter
 
 import eivor as ev
+from eivor.estimation.bootstrap import IntervalKind
 from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
-from eivor.inference.bootstrap import IntervalKind
 from eivor.models.regression import Regression
 from eivor.motions.vertical.motion import vertical_flight
 from eivor.motions.vertical.regression import VerticalFlights, vertical_problem

@@ -18,7 +18,7 @@ import numpy as np
 from _shared import arguments, least_seconds, machine
 
 import eivor as ev
-from eivor.estimation.products import products_of
+from eivor.estimation.moments import products_of
 from eivor.lab.experiments import DifferenceEquation
 from eivor.lab.study import MethodChoice, Study, side_by_side, trial
 from eivor.simulation.excitation import WhiteExcitation

@@ -17,7 +17,7 @@ def peer_intervals(v: np.ndarray, s: np.ndarray, u: np.ndarray) -> object:
     """Two-stage least squares with a Bartlett covariance of the usual bandwidth, by linearmodels."""
     from linearmodels.iv import IV2SLS
 
-    from eivor.inference.kernel import newey_west_bandwidth
+    from eivor.inference.covariance import newey_west_bandwidth
 
     rows = slice(LAGS, None)
     instruments = np.column_stack([u[LAGS - lag : u.size - lag] for lag in range(LAGS + 1)])

@@ -15,7 +15,7 @@ from generalized_iv import LAGS, METHOD, MOTION, arrays, problem
 
 import eivor as ev
 from eivor.errors import WeakInstrumentsWarning
-from eivor.estimation.products import products_of
+from eivor.estimation.moments import products_of
 
 CHUNK = 1000
 

@@ -15,7 +15,7 @@ from eivor.logs.common import UNITS
 from eivor.logs.crazyflie import LOOKED_FOR as VARIABLES
 from eivor.logs.dataflash.sources import LOOKED_FOR as COLUMNS
 from eivor.logs.rosbag.channels import ROS_SOURCES as FIELDS
-from eivor.logs.ulog.topics import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING
+from eivor.logs.ulog.channels import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING
 from validation.pages import markdown, page_with
 
 PAGE = Path(__file__).resolve().parent / "logs.md"

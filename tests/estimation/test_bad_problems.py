@@ -35,10 +35,9 @@ from eivor.errors import (
     TooFewSamplesError,
     UsageError,
 )
-from eivor.estimation.bootstrap import bootstrap, pool_flights
+from eivor.estimation.bootstrap import IntervalKind, bootstrap, pool_flights
 from eivor.estimation.linear import refined_nuisances
 from eivor.estimation.variable_projection import argmin
-from eivor.inference.bootstrap import IntervalKind
 from eivor.models.regression import SampleRows
 from flights.flight_logs import Noise, flights
 from flights.flight_logs import problem as flight_problem
@@ -444,7 +443,6 @@ WORDS = calls("words and numbers", UsageError,
     (lambda: fractional(M.whitened_least_squares(), made=BARE), "a flight, whose runs have spectra"),
     (lambda: of_arrays(UNKNOWN()), "regression of signals"),
     (lambda: of_unknown_noise(UNKNOWN(orders=("height",))), "height"),
-    (lambda: UNKNOWN(lags=-1), "zero lags"),
     (lambda: of_a_flight().interval("K"), r"Expected a parameter out of viscous_friction, .*; received 'K'"),
     (lambda: ev.diagnose(of_arrays(LS))["first_stag"], DIAGNOSTIC),
     (lambda: identify(RESAMPLED, "least_squares"), METHOD),

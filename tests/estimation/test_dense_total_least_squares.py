@@ -20,8 +20,7 @@ from eivor.errors import CollinearError, InstrumentError
 from eivor.estimation import methods, unknown_noise
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import identify, least_squares, reference_iv, total_least_squares
-from eivor.estimation.moments import Instrumental
-from eivor.estimation.products import lags_without_gaps
+from eivor.estimation.moments import Instrumental, lags_without_gaps
 from eivor.estimation.unknown_noise import EquationChoice, SharedMoments, UnknownNoise, long_memory_covariance
 from eivor.estimation.weighting import TwoStage
 from eivor.lab.scenario_files import shipped_scenario

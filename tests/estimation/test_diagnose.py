@@ -16,7 +16,7 @@ import shape_checks
 from eivor.estimation import methods
 from eivor.estimation.diagnose import record_of
 from eivor.estimation.linear import LinearMethod
-from eivor.estimation.products import FOLDED_FROM
+from eivor.estimation.moments import FOLDED_FROM
 from eivor.inference.diagnostics.instruments import endogeneity, strength
 from eivor.inference.verdict import Status
 from flights.flight_logs import Noise, flights

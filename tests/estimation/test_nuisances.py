@@ -15,14 +15,12 @@ from scipy.signal import lfilter
 
 import eivor as ev
 from eivor.estimation import methods
-from eivor.estimation.bootstrap import bootstrap, pool_flights
-from eivor.estimation.linear import LinearMethod
-from eivor.estimation.method import Method
+from eivor.estimation.bootstrap import BlockScheme, IntervalKind, block_plan, bootstrap, pool_flights
+from eivor.estimation.linear import LinearMethod, Method
 from eivor.estimation.methods import extended_iv, least_squares, reference_iv
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.variable_projection import argmin
 from eivor.estimation.weighting import TwoStage, whitened_by_residuals
-from eivor.inference.bootstrap import BlockScheme, IntervalKind, block_plan
 from eivor.inference.verdict import Status
 from eivor.linalg import LeastSquares
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns

@@ -13,6 +13,7 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import UsageError
+from eivor.estimation.bootstrap import IntervalKind
 from eivor.estimation.methods import identify, reference_iv
 from eivor.estimation.profile_sets import ProfileSets
 from eivor.flights.estimate import with_systematic_uncertainties
@@ -29,7 +30,6 @@ from eivor.flights.quantity import (
     widened,
 )
 from eivor.flights.track import Moment, Track, track
-from eivor.inference.bootstrap import IntervalKind
 from eivor.inference.diagnostics.excitation import Swing
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
 from eivor.inference.verdict import Status, Verdict

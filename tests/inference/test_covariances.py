@@ -19,9 +19,9 @@ from statsmodels.stats.outliers_influence import OLSInfluence
 
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
+from eivor.estimation.bootstrap import autocovariance, automatic_block_length
 from eivor.fleet.change_points import Ordered, deviation_p_values, drifts, outlier_test, steps
-from eivor.inference import kernel as kernels
-from eivor.inference.bootstrap import autocovariance, automatic_block_length
+from eivor.inference import covariance as kernels
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail, normal_quantile, t_quantile
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
 from eivor.inference.products import Products, block_edges, products_of_rows

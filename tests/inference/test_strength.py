@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eivor.inference.covariance import cosine_averages
+from eivor.inference.covariance import (
+    Bartlett,
+    Parzen,
+    QuadraticSpectral,
+    cosine_averages,
+    kernel_sum_covariance,
+)
 from eivor.inference.diagnostics import excitation, residuals
 from eivor.inference.diagnostics.instruments import critical_value, endogeneity, hansen_j, strength
 from eivor.inference.diagnostics.record import (
@@ -21,7 +27,6 @@ from eivor.inference.diagnostics.record import (
     joint_averages,
     orthonormal_basis,
 )
-from eivor.inference.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
 from eivor.inference.products import block_edges, products_of_rows
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.signals.noise import fractional_difference

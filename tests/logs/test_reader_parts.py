@@ -30,7 +30,7 @@ from eivor.logs.read import declare_format, log_formats, readable_formats
 from eivor.logs.rosbag import topics
 from eivor.logs.rosbag.messages import decoded, message_layout, parsed_definition
 from eivor.logs.table.columnar import write_recording
-from eivor.logs.ulog.topics import _release
+from eivor.logs.ulog.channels import _release
 from eivor.motions.vertical.select import INPUTS
 from eivor.report.flight import logging_advice_for
 from eivor.signals.channels import CurveSide, canonical_channel, held_by_default, unit_of

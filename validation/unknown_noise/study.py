@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import eivor as ev
-from eivor.estimation.method import Method
+from eivor.estimation.linear import Method
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.noise import FractionalNoise

@@ -15,7 +15,7 @@ from pathlib import Path
 import simulate
 
 import eivor as ev
-from eivor.inference.bootstrap import Bootstrap
+from eivor.estimation.bootstrap import Bootstrap
 
 #: The first seed that there is; others are shown by `simulate.py --seed`.
 SEED = 1

@@ -15,8 +15,7 @@ from eivor import checks
 from eivor.errors import EivorError, EstimationError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
-from eivor.estimation.moments import Compensated, CrossMoments, Instrumental
-from eivor.estimation.products import block_count
+from eivor.estimation.moments import Compensated, CrossMoments, Instrumental, block_count
 from eivor.estimation.weighting import TwoStage
 from eivor.inference.diagnostics import excitation, instruments, residuals
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, Diagnostic, EquationProducts, Subject

@@ -14,8 +14,14 @@ import scipy
 
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
-from eivor.estimation.moments import Assembler, CrossMoments, FittedNoise, Moments
-from eivor.estimation.products import filtered_instruments, lags_without_gaps
+from eivor.estimation.moments import (
+    Assembler,
+    CrossMoments,
+    FittedNoise,
+    Moments,
+    filtered_instruments,
+    lags_without_gaps,
+)
 from eivor.estimation.variable_projection import NuisanceProfile
 from eivor.inference.covariance import (
     DEFAULT,

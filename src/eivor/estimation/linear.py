@@ -1,9 +1,10 @@
-"""Linear estimation methods: assemble equations, weight, solve, check instrument strength."""
+"""Methods of estimation; the linear ones assemble equations, weight, solve and check instrument strength."""
 
 from __future__ import annotations
 
 import sys
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -20,7 +21,6 @@ from eivor.errors import (
     WeakInstrumentsWarning,
 )
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Assembler, Compensated, CrossMoments, Moments, ProblemMoments
 from eivor.estimation.variable_projection import Minimum, minimised
 from eivor.estimation.weighting import EqualRows, EquationWeighting, RowWeighting, Unweighted, WeightedRows
@@ -34,6 +34,72 @@ from eivor.models.regression import LinearProblem, Parameter, Regression
 from eivor.models.separable import LinearisableProblem, Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
 from eivor.tools import Float
+
+#: What methods estimate from.
+Problem = LinearProblem | SeparableProblem | ProblemMoments
+
+
+class Method(ABC):
+    """One way to estimate."""
+
+    name: str
+    natural_instruments: str = "references"  # Of a flight when nothing else is requested: or "lags"
+
+    @property
+    @abstractmethod
+    def needs_instruments(self) -> bool:
+        """True when problems must have instruments."""
+
+    @property
+    def of_flights(self) -> Method:
+        """The method that it is of problems with nuisances, whose instruments flights have; mostly itself."""
+        return self
+
+    @property
+    def takes_out_own_noise(self) -> bool:
+        """True when the noise of the regressors must be known; not so by default."""
+        return False
+
+    @property
+    def first_past_input(self) -> int:
+        """Lag in samples of the first of past inputs that may be an instrument."""
+        return 1
+
+    @abstractmethod
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate the parameters of a problem."""
+
+
+#: Name of the method that follows another one.
+OUTPUT_ERROR = "output_error"
+
+
+@dataclass(frozen=True)
+class OutputError(Method):
+    """Least multi-step prediction errors of a motion, from the estimate of another method."""
+
+    first: Method
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        return f"{self.first.name}+{OUTPUT_ERROR}"
+
+    @property
+    def needs_instruments(self) -> bool:
+        return self.first.needs_instruments
+
+    @property
+    def of_flights(self) -> Method:
+        return self.first.of_flights
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate by the first method, of a flight; plain rows have nothing to predict."""
+        if not isinstance(problem, SeparableProblem):
+            expected = f"a flight of a motion whose states {OUTPUT_ERROR} predicts"
+            remedy = 'Use identify_flight(..., model="rigid-body"), or another method.'
+            raise UsageError(expected, type(problem).__name__, remedy)
+        return self.first.estimate(problem)
+
 
 #: Steps after the search: they shrink by a factor each, of which the noise decides.
 MOST_STEPS = 60

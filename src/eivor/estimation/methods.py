@@ -12,8 +12,7 @@ from eivor import checks
 from eivor.errors import UsageError
 from eivor.estimation.diagnose import contradiction, periodic
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod, check_method
-from eivor.estimation.method import OUTPUT_ERROR, Method, OutputError, Problem
+from eivor.estimation.linear import OUTPUT_ERROR, LinearMethod, Method, OutputError, Problem, check_method
 from eivor.estimation.moments import Assembler, Compensated, Direct, Instrumental, ProblemMoments
 from eivor.estimation.spectral_iv import SpectralGeneralizedIV, WhittleLikelihood
 from eivor.estimation.unknown_noise import EquationChoice, NoiseEstimatingIV
@@ -228,14 +227,11 @@ def generalized_fuller(strength: float = 1.0) -> LinearMethod:
     return _limited_information("generalized_fuller", Compensated(), Fuller(strength))
 
 
-def generalized_iv_unknown_noise(*, lags: int | None = None, orders: Sequence[str] = ()) -> Method:
+def generalized_iv_unknown_noise(*, orders: Sequence[str] = ()) -> Method:
     """Generalized IV that estimates the noises that nothing is declared of, with optimal weights.
 
     Parameters
     ----------
-    lags : int, optional
-        Lags at which each noisy regressor is a test function as well. Default: two, and six for a noise whose
-        order is unknown.
     orders : sequence of str
         Channels whose noise is fractional, of unknown order; that of all others is white.
 
@@ -244,7 +240,7 @@ def generalized_iv_unknown_noise(*, lags: int | None = None, orders: Sequence[st
     Results have `noise_variance_velocity_z`, of the white noise, and `noise_order_velocity_z`
     beside the parameters. A disturbance must not move the vehicle: the velocity would answer it.
     """
-    return NoiseEstimatingIV("generalized_iv_unknown_noise", orders=tuple(orders), lags=lags)
+    return NoiseEstimatingIV("generalized_iv_unknown_noise", orders=tuple(orders))
 
 
 def bias_eliminating_least_squares() -> Method:

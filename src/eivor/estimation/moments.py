@@ -1,19 +1,227 @@
-"""Moment equations: direct, compensated for noise, and instrumental."""
+"""Moment equations: direct, compensated for noise, and instrumental; the products that they are made of."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement, pairwise
+from typing import TypeGuard
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 
-from eivor.errors import CovarianceError, InstrumentError, UsageError
-from eivor.estimation.products import products_of, root_of_rows
+from eivor.errors import CovarianceError, InstrumentError, NonFiniteError, TooFewSamplesError, UsageError
 from eivor.inference.covariance import unit_scale
-from eivor.inference.products import Products
-from eivor.linalg.system import LinearSystem, merged_roots
-from eivor.models.regression import LinearProblem, Parameter, Regression, RowBlock
-from eivor.tools import Float
+from eivor.inference.diagnostics.residuals import GROUPS
+from eivor.inference.products import Products, block_edges, products_of_rows
+from eivor.linalg.system import (
+    MULTIPLIED_ROWS,
+    LinearSystem,
+    made_ahead,
+    merged_roots,
+    row_blocks,
+    triangular_root,
+)
+from eivor.models.regression import Column, LinearProblem, Parameter, Regression, RowBlock
+from eivor.models.signal_regression import SignalRegression
+from eivor.tools import Float, Int
+
+#: Samples folded into one row.
+FOLD = 8
+#: Taps of a filter that `np.correlate` computes fast; longer filters are sums of such.
+FAST_TAPS = 11
+
+
+def successive_lags(columns: Sequence[Column]) -> tuple[int, int] | None:
+    """First and last lag of columns that are successive lags of one channel with a constant gain."""
+    lags = [column.lag for column in columns]
+    equal = len({(c.channel, c.gain, c.gain_channel) for c in columns}) == 1
+    if len(lags) < 2 or not equal or not columns[0].channel or columns[0].gain_channel:
+        return None
+    return (lags[0], lags[-1]) if lags == list(range(lags[0], lags[-1] + 1)) else None
+
+
+def lags_without_gaps(problem: LinearProblem | None) -> TypeGuard[SignalRegression]:
+    """Whether every sample of signals is a row, and the instruments are successive lags of one channel."""
+    return (
+        isinstance(problem, SignalRegression)
+        and problem.used is None
+        and problem.instrument_count > 0
+        and successive_lags(problem.instrument_columns) is not None
+    )
+
+
+def filtered_instruments(
+    problem: SignalRegression, combinations: Float[np.ndarray, "p n"], start: int, stop: int
+) -> RowBlock:
+    """Rows from sample `start` to `stop`, with combinations of successive lags in the instruments' place."""
+    lags = problem.instrument_columns
+    reached = problem.signals.channel(lags[0].channel)[start - lags[-1].lag : stop - lags[0].lag]
+    taps = lags[0].gain * combinations[::-1].T
+    psi = np.zeros((len(taps), stop - start))
+    for row, tap in enumerate(taps):
+        for index in range(0, tap.size, FAST_TAPS):
+            some = tap[index : index + FAST_TAPS]
+            psi[row] += np.correlate(reached[index : index + stop - start - 1 + some.size], some, "valid")
+    response = problem.columns_between([problem.equation.response], start, stop)[:, 0]
+    regressors = problem.columns_between(problem.regressor_columns, start, stop)
+    return RowBlock(response, regressors, psi.T, np.zeros(stop - start, dtype=np.int64))
+
+
+#: Blocks of time, unless there are many instruments; for each of those there are so many.
+BLOCKS = 128
+BLOCKS_PER_INSTRUMENT = 6
+#: So many rows of a record are worth threads.
+THREADED_FROM_ROWS = 8_000_000
+#: Of shorter records the products of lags are multiplied out: to fold them costs more.
+LAGS_FOLDED_FROM = 4_000
+#: Shorter records are one block, and their diagnostics are made of rows.
+FOLDED_FROM = 250_000
+
+
+def block_count(rows: int, instruments: int) -> int:
+    """A multiple of the groups of the constancy test when there are rows enough."""
+    wanted = GROUPS * -(-max(BLOCKS, BLOCKS_PER_INSTRUMENT * instruments) // GROUPS)
+    return min(wanted, GROUPS * (rows // GROUPS)) if rows >= GROUPS else rows
+
+
+def products_of_signals(problem: SignalRegression, *, instruments: bool) -> Products:
+    """Products of a problem's columns: in blocks of a long record, all of them together of any other."""
+    psi = problem.instrument_columns if instruments else problem.regressor_columns
+    columns = (*problem.regressor_columns, problem.equation.response)
+    count, p = row_count(problem), len(psi)
+    if problem.used is None and count >= LAGS_FOLDED_FROM and successive_lags(psi) is not None:
+        blocks = block_count(count // FOLD, p) if instruments and count >= FOLDED_FROM else 1
+        return _folded(problem, psi, columns, blocks)
+
+    def part(stretch: tuple[int, int]) -> Float[np.ndarray, "left right"]:
+        Z = problem.columns_between((*psi, *columns), *stretch)
+        return Z.T @ Z
+
+    stretches = row_blocks(problem.first, problem.signals.sample_count, MULTIPLIED_ROWS)
+    sums = np.asarray(sum(made_ahead(part, stretches)))
+    return Products(np.array([count], dtype=np.float64), sums[None], p)
+
+
+def _folded(
+    problem: SignalRegression, psi: Sequence[Column], columns: Sequence[Column], blocks: int
+) -> Products:
+    """Products of successive lags of one channel with each other and with columns, in blocks of time."""
+    first, last = problem.first, problem.signals.sample_count
+    values = [np.ascontiguousarray(problem.slice_of(column, first, last)) for column in columns]
+    edges = first + FOLD * block_edges((last - first) // FOLD, blocks)
+    p, m = len(psi), len(columns)
+    # a column that is one of the lags has its products among theirs
+    lags = [_lag_of(column, psi) for column in columns]
+    strangers = [number for number, lag in enumerate(lags) if lag is None]
+    series, others = problem.signals.channel(psi[0].channel), [values[number] for number in strangers]
+    lagged = _lag_products(series, psi, others, edges, last)
+    sums = np.empty((blocks, p + m, p + m))
+    sums[:, :p, :p] = lagged[:, :, :p]
+    places = [p + strangers.index(number) if lag is None else lag for number, lag in enumerate(lags)]
+    sums[:, :p, p:] = lagged[:, :, places]
+    sums[:, p:, :p] = sums[:, :p, p:].transpose(0, 2, 1)
+    edges[-1] = last
+    ends = list(pairwise((edges - first).tolist()))
+    for i, j in combinations_with_replacement(range(m), 2):
+        lag, other = (lags[i], j) if lags[i] is not None else (lags[j], i)
+        if lag is None:
+            squares = np.array([values[i][start:stop] @ values[j][start:stop] for start, stop in ends])
+        else:
+            squares = sums[:, lag, p + other]
+        sums[:, p + i, p + j] = sums[:, p + j, p + i] = squares
+    gains = np.array([psi[0].gain] * p + [column.gain for column in columns])
+    return Products(np.diff(edges).astype(np.float64), sums * np.outer(gains, gains), p)
+
+
+def _lag_of(column: Column, lags: Sequence[Column]) -> int | None:
+    """Which of successive lags of one channel a column is, but for its gain."""
+    equal = column.channel == lags[0].channel and not column.gain_channel
+    return column.lag - lags[0].lag if equal and lags[0].lag <= column.lag <= lags[-1].lag else None
+
+
+def _lag_products(
+    series: Float[np.ndarray, " samples"],
+    psi: Sequence[Column],
+    others: Sequence[Float[np.ndarray, " rows"]],
+    edges: Int[np.ndarray, " K_plus_1"],
+    last: int,
+) -> Float[np.ndarray, "K p p_plus_others"]:
+    """Sums over each block of u_k-i u_k-j, and of u_k-i w_k for each other series w."""
+    first, least, most = int(edges[0]), psi[0].lag, psi[-1].lag
+    with_lagged = [np.ascontiguousarray(series[first - least : last - least]), *others]
+
+    def folded(block: tuple[int, int]) -> Float[np.ndarray, "others width fold"]:
+        width = FOLD + most - least
+        total = np.zeros((len(with_lagged), width, FOLD))
+        for start, stop in row_blocks(*block, MULTIPLIED_ROWS):
+            rows = (stop - start) // FOLD
+            origin = series[start - most :]
+            A = as_strided(origin, (rows, width), (FOLD * origin.strides[0], origin.strides[0])).copy()
+            for j, other in enumerate(with_lagged):
+                total[j] += A.T @ other[start - first : stop - first].reshape(rows, FOLD)
+        return total
+
+    blocks = list(pairwise(edges.tolist()))
+    # every block by itself: threads change no sum
+    each = map(folded, blocks) if last - first < THREADED_FROM_ROWS else made_ahead(folded, blocks)
+    G, p, index = np.stack(list(each)), most - least + 1, np.arange(FOLD)
+    sums = np.stack([G[..., index + p - 1 - lag, index].sum(axis=-1) for lag in range(p)], axis=-2)
+    for sample in range(int(edges[-1]), last):
+        now = series[sample - np.arange(least, most + 1)]
+        sums[-1] += np.outer(now, [other[sample - first] for other in with_lagged])
+    # The sum at lags (i + 1, j + 1) is that at (i, j) but for the samples at both ends of the block.
+    sums_of_lags = np.empty((len(blocks), p, p))
+    sums_of_lags[:, :, 0] = sums_of_lags[:, 0, :] = sums[:, :, 0]
+    start, stop = edges[:-1], np.append(edges[1:-1], last)
+    entering, leaving = (series[end[:, None] - 1 - least - np.arange(p)] for end in (start, stop))
+    for i in range(p - 1):
+        done = slice(0, i + 1)
+        change = entering[:, [i]] * entering[:, done] - leaving[:, [i]] * leaving[:, done]
+        sums_of_lags[:, i + 1, 1 : i + 2] = sums_of_lags[:, 1 : i + 2, i + 1] = (
+            sums_of_lags[:, i, done] + change
+        )
+    return np.concatenate([sums_of_lags, sums[:, :, 1:]], axis=2)
+
+
+def row_count(problem: SignalRegression) -> int:
+    """Number of rows of a problem."""
+    count = problem.signals.sample_count - problem.first
+    if count < 1:
+        expected = f"more than {problem.first} samples, the largest lag"
+        remedy = "Give a longer record or fewer lags."
+        raise TooFewSamplesError(expected, f"{problem.signals.sample_count}", remedy)
+    return count if problem.used is None else int(problem.used.sum())
+
+
+def products_of(problem: LinearProblem, *, instruments: bool = True) -> Products:
+    """Products of the columns [psi phi y] of a problem."""
+    if instruments and not problem.instrument_count:
+        remedy = 'Name them: regression(signals, ev.lags("input", 0, 10)), or regression(instruments=...).'
+        raise InstrumentError("instruments", "a problem without any", remedy)
+    if isinstance(problem, SignalRegression):
+        made = products_of_signals(problem, instruments=instruments)
+    else:
+        rows = problem.rows()
+        psi, edges = rows.instruments if instruments else rows.regressors, np.array([0, rows.response.size])
+        made = products_of_rows(psi, rows.regressors, rows.response, edges=edges)
+    if not np.isfinite(made.sums).all():
+        remedy = "Check the channels for overflow or missing values."
+        raise NonFiniteError("finite cross-products", "NaN or infinity", remedy)
+    return made
+
+
+def root_of_rows(problem: LinearProblem) -> tuple[int, Float[np.ndarray, "k n_plus_1"]]:
+    """Number of rows and the triangular root of [phi y]."""
+    if isinstance(problem, SignalRegression):
+        columns = (*problem.regressor_columns, problem.equation.response)
+        root = np.empty((0, len(columns)))
+        for start, stop in row_blocks(problem.first, problem.signals.sample_count, 4 * MULTIPLIED_ROWS):
+            root = merged_roots(root, problem.columns_between(columns, start, stop))
+        return row_count(problem), root
+    rows = problem.rows()
+    return rows.response.size, triangular_root(np.column_stack([rows.regressors, rows.response]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from eivor.errors import ConvergenceError, InstrumentError, MissingNoiseError, UsageError
-from eivor.estimation.method import Problem
+from eivor.estimation.linear import Problem
 from eivor.estimation.moments import FittedNoise
 from eivor.models.regression import lags
 from eivor.models.signal_regression import SignalRegression

@@ -12,8 +12,7 @@ import numpy as np
 
 from eivor.errors import EivorError, EstimationError, FallbackWarning, MissingNoiseError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod, user_level
-from eivor.estimation.method import Method, Problem
+from eivor.estimation.linear import LinearMethod, Method, Problem, user_level
 from eivor.estimation.moments import Direct, FittedNoise, Instrumental
 from eivor.estimation.pair_whitening import PairWhitening, paired_bins, power_around, signal_weights
 from eivor.estimation.sampled_motion import (

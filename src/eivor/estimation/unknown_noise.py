@@ -13,15 +13,13 @@ from numpy.polynomial.chebyshev import chebder, chebfit, chebpts1, chebval
 
 from eivor.errors import InstrumentError, UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import check_freedom
-from eivor.estimation.method import Method, Problem
+from eivor.estimation.linear import Method, Problem, check_freedom
 from eivor.estimation.moments import Compensated
 from eivor.estimation.weighting import divided, weight_factor
-from eivor.inference.covariance import CovariancePart, JointCovariance, column_scale
+from eivor.inference.covariance import CovariancePart, JointCovariance, column_scale, newey_west_bandwidth
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis
 from eivor.inference.distributions import chi_square_tail
-from eivor.inference.kernel import newey_west_bandwidth
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg import LeastSquares
 from eivor.models.regression import Column, Parameter, Regression
@@ -45,17 +43,14 @@ class EquationChoice(Enum):
     #: Regressors, response and instruments: the Frisch scheme with the equations of past inputs.
     FRISCH = "frisch"
 
-    def columns(
-        self, problem: SignalRegression, orders: tuple[str, ...] = (), lags: int | None = None
-    ) -> tuple[Column, ...]:
+    def columns(self, problem: SignalRegression, orders: tuple[str, ...] = ()) -> tuple[Column, ...]:
         """Test functions: columns of the problem and others of its channels, each once whatever its gain."""
         instruments, selected = problem.instrument_columns, list(problem.regressor_columns)
         if self is EquationChoice.GENERALIZED:
             selected = list(instruments)
             for column in problem.regressor_columns:
-                by_order = ORDER_LAGS if column.channel in orders else WHITE_LAGS
                 if column.channel:
-                    most = by_order if lags is None else lags
+                    most = ORDER_LAGS if column.channel in orders else WHITE_LAGS
                     selected += [replace(column, lag=column.lag + lag) for lag in range(most + 1)]
         elif self is EquationChoice.FRISCH:
             selected.append(problem.equation.response)
@@ -196,19 +191,14 @@ class NoiseEstimatingIV(Method):
     name: str  # The word that results use
     choice: EquationChoice = EquationChoice.GENERALIZED
     orders: tuple[str, ...] = ()
-    lags: int | None = None  # Lags of each regressor's channel
     needs_instruments = True
-
-    def __post_init__(self) -> None:
-        if self.lags is not None and self.lags < 0:
-            raise UsageError("zero lags or more", f"{self.lags}", "Leave lags out.")
 
     def estimate(self, problem: Problem) -> Estimate:
         if not isinstance(problem, SignalRegression):
             expected = "a regression of signals, whose columns say what noises they share"
             remedy = "Make one with VerticalMotion().regression(signals, instruments)."
             raise UsageError(expected, type(problem).__name__, remedy)
-        psi = self.choice.columns(problem, self.orders, self.lags)
+        psi = self.choice.columns(problem, self.orders)
         whole = SignalRegression(problem.signals, problem.equation, psi)
         right = (*whole.regressor_columns, whole.equation.response)
         both = {item.channel for item in right} & {item.channel for item in psi}

@@ -14,9 +14,8 @@ import scipy
 from eivor import checks
 from eivor.errors import InstrumentError, NoUniqueSolutionError, TooFewSamplesError, UsageError
 from eivor.estimation.moments import CrossMoments, Moments
-from eivor.inference.covariance import unit_scale
+from eivor.inference.covariance import Bartlett, kernel_sum_covariance, newey_west_bandwidth, unit_scale
 from eivor.inference.diagnostics.record import orthonormal_basis
-from eivor.inference.kernel import Bartlett, kernel_sum_covariance, newey_west_bandwidth
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import SeparableProblem, Values

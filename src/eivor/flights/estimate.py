@@ -21,8 +21,7 @@ from eivor.errors import (
 )
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod
-from eivor.estimation.method import OUTPUT_ERROR, Method, OutputError
+from eivor.estimation.linear import OUTPUT_ERROR, LinearMethod, Method, OutputError
 from eivor.estimation.methods import by_name, identify
 from eivor.estimation.profile_sets import ProfileSets
 from eivor.estimation.weighting import SpectralWhitening

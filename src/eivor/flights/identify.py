@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import InputError, UsageError
-from eivor.estimation.method import OUTPUT_ERROR
+from eivor.estimation.linear import OUTPUT_ERROR
 from eivor.estimation.methods import TABLE, by_name
 from eivor.flights.estimate import FlightState, LagMeasurements, estimated, lag_measured_by, lags_from_rates
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LagPrior

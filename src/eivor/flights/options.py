@@ -9,7 +9,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.method import Method
+from eivor.estimation.linear import Method
 from eivor.flights.references import Declared, check_noise
 from eivor.models.separable import Bounds, Prior
 

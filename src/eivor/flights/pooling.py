@@ -11,7 +11,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import EivorError, EstimationError, UsageError
-from eivor.estimation.bootstrap import PoolFlights, Replicate, pool_flights
+from eivor.estimation.bootstrap import Bootstrap, PoolFlights, Replicate, check_draws, pool_flights
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
@@ -32,7 +32,6 @@ from eivor.flights.result import (
     pooled_traces,
 )
 from eivor.flights.verdict import Instruments, VerdictInputs
-from eivor.inference.bootstrap import Bootstrap, check_draws
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.models.separable import SeparableProblem

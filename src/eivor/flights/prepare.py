@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import MissingChannelError, PoolingError, UsageError, did_you_mean
-from eivor.estimation.method import OUTPUT_ERROR, OutputError
+from eivor.estimation.linear import OUTPUT_ERROR, OutputError
 from eivor.estimation.methods import by_name
 from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid, upward
 from eivor.flights.motion import Motion

@@ -10,8 +10,7 @@ import numpy as np
 from eivor import checks
 from eivor.errors import EstimationError, NonFiniteError, ShapeError, UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod, check_method
-from eivor.estimation.method import Method, Problem
+from eivor.estimation.linear import LinearMethod, Method, Problem, check_method
 from eivor.linalg.system import LinearSystem, Shrinkage, Solution, Solver, triangular_root
 from eivor.linalg.total_least_squares import (
     ErrorsInColumns,

@@ -33,8 +33,7 @@ from eivor.atomic_file import (
 from eivor.errors import EivorError, InputError, UsageError
 from eivor.estimation import methods
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import SAME_COLUMN, LinearMethod
-from eivor.estimation.method import Method
+from eivor.estimation.linear import SAME_COLUMN, LinearMethod, Method
 from eivor.estimation.methods import identify
 from eivor.estimation.weighting import EquationWeighting
 from eivor.inference import covariance as covariances

@@ -118,7 +118,7 @@ READERS = (
     "eivor.logs.table.columnar:PARQUETS",
     "eivor.logs.crazyflie:FORMATS",
     "eivor.logs.blackbox:FORMATS",
-    "eivor.logs.dataflash.reader:FORMATS",
+    "eivor.logs.dataflash.channels:FORMATS",
     "eivor.logs.rosbag.channels:FORMATS",
     "eivor.logs.table.columnar:ARRAYS",
 )

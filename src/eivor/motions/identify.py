@@ -11,7 +11,7 @@ from typing import Any, TypedDict, Unpack
 
 from eivor import checks
 from eivor.errors import EivorError, InputError, PoolingError, UsageError
-from eivor.estimation.method import Method
+from eivor.estimation.linear import Method
 from eivor.flights.estimate import FlightState
 from eivor.flights.identify import identified, with_coupled_axes
 from eivor.flights.motion import Motion, of_vehicle

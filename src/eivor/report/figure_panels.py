@@ -14,8 +14,8 @@ import numpy as np
 
 from eivor.checks import described
 from eivor.errors import MissingReaderError, UsageError, did_you_mean
+from eivor.estimation.bootstrap import Bootstrap
 from eivor.estimation.estimate import Estimate
-from eivor.inference.bootstrap import Bootstrap
 from eivor.inference.regions import Ellipse
 from eivor.inference.verdict import Status
 from eivor.motions.table import wording_of

@@ -12,8 +12,8 @@ import numpy as np
 
 from eivor.atomic_file import atomic_write
 from eivor.errors import NonFiniteError, TooFewSamplesError
+from eivor.estimation.bootstrap import autocovariance
 from eivor.flights.motion import UNCHANGED, HorizonErrors, MultiStepPrediction
-from eivor.inference.bootstrap import autocovariance
 from eivor.inference.distributions import normal_quantile
 from eivor.report import figure_panels as plots
 from eivor.report.flight import display_unit

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from statistics import NormalDist
 from typing import Any, cast
 
 import numpy as np
@@ -313,12 +312,6 @@ class LongMemory:
     def memory(self) -> float:
         """Memory parameter d = -order of the literature."""
         return -self.order
-
-    def order_interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Interval that covers the order with this probability."""
-        checks.level(level)
-        width = NormalDist().inv_cdf(0.5 + level / 2.0) * self.order_error
-        return self.order - width, self.order + width
 
     def noise(self) -> FractionalNoise:
         """Noise to declare of the channel: the estimate, with an order that a noise can have."""

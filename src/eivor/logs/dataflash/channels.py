@@ -1,19 +1,39 @@
-"""Channels of a DataFlash log."""
+"""Reader of DataFlash logs, and their channels."""
 
 from __future__ import annotations
 
+import mmap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
+from eivor.errors import EmptyLogError
 from eivor.linalg.system import PASSED_ROWS, row_blocks
-from eivor.logs.common import SILENCE_S, UNITS, by_number, held_at, low_pass_delay_s, notch_delay_s, noted
+from eivor.logs import common
 from eivor.logs.dataflash import sources as ardupilot
-from eivor.logs.dataflash.messages import Messages, rows_of
+from eivor.logs.dataflash.messages import (
+    HEAD,
+    Messages,
+    begins_within,
+    is_text,
+    read_lines,
+    read_messages,
+    rows_of,
+)
 from eivor.signals.channels import CurveSide, unit_of
-from eivor.signals.recording import HELICOPTER, ROTARY_WING, VTOL, Channel, Finding, clean_channel
+from eivor.signals.recording import (
+    HELICOPTER,
+    ROTARY_WING,
+    VTOL,
+    Channel,
+    Finding,
+    Frame,
+    Recording,
+    clean_channel,
+)
 from eivor.tools import Bool, Float
 
 #: Gas constant of dry air [J/(kg K)], and zero degrees Celsius [K].
@@ -42,7 +62,11 @@ def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
     """Name the columns that the log declares to be in another unit than they are read in."""
     letters, labels = _letters(tables), rows_of(tables, "UNIT", "Id", "Label")
     named = {int(letter): LABELS.get(label, label) for letter, label in labels}
-    units = {chr(letter): UNITS[label] for letter, label in named.items() if label in UNITS and letter > 0}
+    units = {
+        chr(letter): common.UNITS[label]
+        for letter, label in named.items()
+        if label in common.UNITS and letter > 0
+    }
     multipliers = {
         chr(int(letter)): value
         for letter, value in rows_of(tables, "MULT", "Id", "Mult")
@@ -66,7 +90,7 @@ def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
         elif multiplier is not None and abs(multiplier * declared[1] / read - 1.0) > SAME:
             doubts[label] = f"{label} as {multiplier * declared[1]:.4g} {unit}, read as {read:.4g}"
     sentence = "The log declares other units than are read (one stored): {}."
-    return noted("declared_units", sentence, "; ".join(doubts.values()))
+    return common.noted("declared_units", sentence, "; ".join(doubts.values()))
 
 
 def _columns_read() -> Iterator[tuple[ardupilot.MessageSource, str]]:
@@ -74,7 +98,7 @@ def _columns_read() -> Iterator[tuple[ardupilot.MessageSource, str]]:
     for name, sources in ardupilot.CHANNEL_SOURCES.items():
         for source in sources:
             yield source, unit_of(name)
-    degree, turn = UNITS["deg"][1], UNITS["rpm"][1]
+    degree, turn = common.UNITS["deg"][1], common.UNITS["rpm"][1]
     for column in ardupilot.ATTITUDE:
         yield ardupilot.MessageSource("ATT", column, degree), "rad"
     for column in ardupilot.RATE_SETPOINTS.values():
@@ -103,10 +127,10 @@ def delay_of(channel: str, parameters: Mapping[str, float]) -> float:
     """Delay of a channel [s], zero where none is known."""
     family = channel.rpartition("_")[0]
     cutoff = parameters.get(LOW_PASSES.get(family, ""), 0.0)
-    delay = low_pass_delay_s(cutoff) if cutoff > 0.0 else 0.0
+    delay = common.low_pass_delay_s(cutoff) if cutoff > 0.0 else 0.0
     if family == "angular_rate" and parameters.get("INS_NOTCH_ENABLE", 0.0) > 0.0:
         frequency, width = parameters.get("INS_NOTCH_FREQ", 0.0), parameters.get("INS_NOTCH_BW", 0.0)
-        delay += notch_delay_s(frequency, width) if frequency > 0.0 and width > 0.0 else 0.0
+        delay += common.notch_delay_s(frequency, width) if frequency > 0.0 and width > 0.0 else 0.0
     return delay
 
 
@@ -119,7 +143,7 @@ def delay_findings(channels: Iterable[Channel], parameters: Mapping[str, float])
             words = f"low-pass of {parameters[name]:g} Hz, {name}" if name in parameters else "notch"
             selected[channel.source.partition(".")[0], words] = 1e3 * channel.delay_s
     texts = [f"{message}: {delay:.2g} ms ({words})" for (message, words), delay in selected.items()]
-    return noted("sensor_delay", "Taken off the stamps of {}.", "; ".join(texts))
+    return common.noted("sensor_delay", "Taken off the stamps of {}.", "; ".join(texts))
 
 
 #: Numbers of SERVOn_FUNCTION: motors 1 to 8, and 9 to 12.
@@ -250,7 +274,7 @@ def _add_outputs(reading: ardupilot.MessageReading, table: Messages) -> None:
     throttle_values = np.interp(reading.time_s(table), throttle.time_s, throttle.values)
     free = np.all([(share > 0.0) & (share < 1.0) for share in shares.values()], axis=0)
     doubt = disagreement(np.where(free, throttle_values, np.nan), thrust, known)
-    reading.findings.extend(noted("motor_range", "{}", doubt))
+    reading.findings.extend(common.noted("motor_range", "{}", doubt))
 
 
 def _voltage(table: Messages, reading: ardupilot.MessageReading) -> Float[np.ndarray, " n"]:
@@ -276,7 +300,7 @@ def _add_rotor_speeds(reading: ardupilot.MessageReading, table: Messages) -> Non
     motors = {output - 1: motor for motor, output in motor_columns(reading.parameters).items()}
     for instance in np.unique(instances).tolist()[:MAX_ESCS]:
         where = table.where(instances == instance)
-        speeds = where.values("RPM") * UNITS["rpm"][1]
+        speeds = where.values("RPM") * common.UNITS["rpm"][1]
         if np.any(np.nan_to_num(speeds)):
             name = f"rotor_speed_{motors.get(instance, instance + 1)}"
             reading.add(name, where, speeds, "ESC.RPM", CurveSide.BEHIND)
@@ -321,7 +345,7 @@ def _add_throttle(reading: ardupilot.MessageReading, table: Messages) -> None:
         reading.add("pilot_throttle", table, shares, f"RCIN.{column}")
 
 
-_DEG = UNITS["deg"][1]
+_DEG = common.UNITS["deg"][1]
 #: Of which functions of half of roll, pitch and yaw the two products are that each part is the sum of, or the
 #: difference (x and z).
 _COS, _SIN = (np.cos, np.sin), (np.sin, np.cos)
@@ -414,7 +438,7 @@ def _add_sweeps(reading: ardupilot.MessageReading, sweep: Messages) -> None:
     axis = reading.parameters.get("SID_AXIS", 0.0)
     axes = np.full(sweep.count, axis)
     if settings is not None:
-        axes = held_at(settings.time_s(), settings.values("Ax"), sweep.time_s(), axis)
+        axes = common.held_at(settings.time_s(), settings.values("Ax"), sweep.time_s(), axis)
     present = np.unique(axes).tolist()
     sentence = "Sweeps of system identification on axis {:g} are not used."
     reading.findings += (Finding("sweep_unused", sentence.format(a)) for a in present if a not in SWEPT)
@@ -432,7 +456,7 @@ def _add_sweep(
     channel = reading.channels.get(name)
     if channel is None:
         return
-    last = np.flatnonzero(np.diff(channel.time_s, append=np.inf) > SILENCE_S)
+    last = np.flatnonzero(np.diff(channel.time_s, append=np.inf) > common.SILENCE_S)
     step = float(np.median(np.diff(channel.time_s))) if channel.time_s.size > 1 else 0.01
     time = np.insert(channel.time_s, last + 1, channel.time_s[last] + step)
     injected = np.insert(channel.values, last + 1, 0.0)
@@ -444,7 +468,7 @@ def _add_sweep(
 
 def _with_sweep(channel: Channel, sweep: Channel) -> Channel:
     """What sticks ask for, and in its place a sweep where there is one; zero where there is neither."""
-    rests = held_at(sweep.time_s, sweep.values, channel.time_s, 0.0) == 0.0
+    rests = common.held_at(sweep.time_s, sweep.values, channel.time_s, 0.0) == 0.0
     moves = np.flatnonzero(sweep.values != 0.0)
     time = np.concatenate([channel.time_s[rests], sweep.time_s[moves]])
     values = np.concatenate([np.nan_to_num(channel.values[rests]), sweep.values[moves]])
@@ -472,7 +496,7 @@ MAKERS: tuple[tuple[Callable[[ardupilot.MessageReading, Messages], None], str, t
 
 #: Kinds of vehicles by what the firmware calls itself, in small letters, and by VER.BU, the kind of firmware.
 FIRMWARES: Mapping[str, str] = ardupilot.TABLES["firmwares"]
-(BUILDS,) = by_number(ardupilot.TABLES, "builds")
+(BUILDS,) = common.by_number(ardupilot.TABLES, "builds")
 _PREFIXES = ("ardu", "apm:", "")
 
 #: What a vehicle is by its kind and FRAME_CLASS: helicopters of Copter, boats of Rover.
@@ -501,3 +525,153 @@ def _kind_of_firmware(tables: Mapping[str, Messages]) -> str:
             if len(words) == 2 and name in FIRMWARES:
                 return FIRMWARES[name]
     return ""
+
+
+def _advice(channel: str) -> tuple[str, ...]:
+    messages = dict.fromkeys(source.message for source in ardupilot.CHANNEL_SOURCES.get(channel, ()))
+    return tuple(
+        f"ArduPilot logs {name} {ardupilot.RATES[name]}" for name in messages if name in ardupilot.RATES
+    )
+
+
+#: An instance with a smaller share of the messages of the most frequent one is damage, or was lost at once.
+SELDOM = 0.1
+
+
+def read_dataflash(file: Path, _options: common.ReadOptions) -> Recording:
+    """Read a DataFlash log."""
+    with file.open("rb") as stream:
+        content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+    tables, findings = _tables(content)
+    parameters = _parameters(tables)
+    ardupilot.choose_estimator(tables, parameters, findings)
+    reading = ardupilot.MessageReading.of(tables, parameters, findings)
+    _add_all(reading)
+    if not reading.channels:
+        raise EmptyLogError(
+            "a DataFlash log with flight data (XKF1, NKF1, RATE, CTUN, IMU, ATT, ...)",
+            f"'{file.name}' without a value of any of them",
+            "Check LOG_BITMASK and LOG_BACKEND_TYPE, that the vehicle was armed, and that the beginning of "
+            "the file is there, where messages are described (FMT).",
+        )
+    findings += unit_findings(tables)
+    findings += delay_findings(reading.heads.values(), parameters)
+    sentence = "Not in force while its message is silent: {}."
+    findings += common.noted("setpoint_silent", sentence, reading.inactive_setpoints)
+    return Recording(
+        name=file.name,
+        format="dataflash",
+        channels=reading.channels.finished(),
+        frame=Frame.NED,
+        parameters=parameters,
+        looked_for=ardupilot.LOOKED_FOR,
+        findings=(*findings, *common.findings_of(reading.profiles, reading.channels)),
+        vehicle=vehicle_of(tables, parameters),
+        origin=ardupilot.dataflash_origin(tables, parameters),
+    )
+
+
+def _add_all(reading: ardupilot.MessageReading) -> common.KeptChannels:
+    counts = {name: table.count for name, table in reading.tables.items()}
+    sources = ardupilot.CHANNEL_SOURCES, ardupilot.CHOSEN_BY_RATE
+    for name, source in common.in_preference(*sources, lambda source: counts.get(source.message, 0)):
+        if name not in reading.channels:
+            _add(reading, name, source)
+    for add, message, columns in MAKERS:
+        table = reading.table(message, *columns)
+        if table is not None:
+            add(reading, table)
+    reading.forget_clocks()
+    reading.channels.cut = lambda *part: _add_all(reading.part(*part))
+    return reading.channels
+
+
+def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
+    read = read_lines if is_text(content[: common.HEAD_BYTES]) else read_messages
+    messages, findings = read(content, ardupilot.NEEDED)
+    unusable = sorted(message.name for message in messages if not message.layout.fields)
+    sentence = "Left out, because codes, names and length of their fields disagree: {}."
+    findings += common.noted("message_formats", sentence, unusable)
+    misfits: list[str] = []
+    tables: dict[str, Messages] = {}
+    lost = 0
+    for message in messages:
+        left_out = message.layout.misfits()
+        misfits += [f"{message.name}.{name}" for name in left_out]
+        fields = {name: item for name, item in message.layout.fields.items() if name not in left_out}
+        if not fields or message.name in tables:
+            continue
+        lowest = _lowest(replace(message, layout=replace(message.layout, fields=fields)))
+        if lowest.clock and lowest.count:
+            time_s = lowest.time_s()
+            sound = common.believable(time_s - float(np.median(time_s)))
+            lost += int((~sound).sum())
+            lowest = lowest.where(sound)
+        if lowest.count:
+            tables[lowest.name] = lowest
+    sentence = "Columns left out, in which texts or lists stand for numbers, or numbers for texts: {}."
+    findings += common.noted("message_formats", sentence, sorted(misfits))
+    findings += common.noted("time_stamps", "Messages left out, because their stamp cannot be: {}.", lost)
+    return tables, findings
+
+
+def _lowest(table: Messages) -> Messages:
+    """Messages of the lowest instance of a sensor or a battery that has many of them."""
+    if table.name not in ("IMU", "BAT", "CURR", "BARO", "GPS"):
+        return table
+    column = table.first("I", "Inst", "Instance")
+    if not column or not table.count:
+        return table
+    instances = table.stored(column)
+    result, counts = np.unique(instances, return_counts=True)
+    lowest = result[counts >= SELDOM * counts.max()].min()
+    return table.where(instances == lowest)
+
+
+def _parameters(tables: Mapping[str, Messages]) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for name, value in rows_of(tables, "PARM", "Name", "Value"):
+        if np.isfinite(value) and name.isprintable() and name:
+            values.setdefault(name, value)
+    return dict(sorted(values.items()))
+
+
+def _add(reading: ardupilot.MessageReading, name: str, source: ardupilot.MessageSource) -> None:
+    table = reading.table(source.message, source.column)
+    if table is None:
+        return
+    factor = source.factor_in(table)
+    if source.zero_is_absent and not np.any(np.nan_to_num(table.values(source.column))):
+        return
+
+    def values() -> Float[np.ndarray, " n"]:
+        result = table.values(source.column)
+        result *= factor
+        if source.needs_height_loop:
+            manual = reading.with_sweeps(ardupilot.WITHOUT_HEIGHT_MODES)
+            result[reading.modes_at(table, manual, before=True)] = np.nan
+            result[reading.landed_at(table)] = np.nan
+        return result
+
+    reading.add(
+        name,
+        table,
+        values,
+        f"{'-' if factor < 0.0 else ''}{table.name}.{source.column}",
+        estimated=source.estimated,
+        delay_s=delay_of(name, reading.parameters),
+        is_setpoint=source.is_setpoint,
+        curve_side=CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN,
+    )
+
+
+FORMATS = (
+    common.LogFormat(
+        "dataflash",
+        "ArduPilot DataFlash",
+        lambda head, _: head.startswith(HEAD) or is_text(head) or begins_within(head),
+        read_dataflash,
+        endings=(".bin", ".log"),
+        **common.advised(ardupilot.TABLES["advice"], _advice),
+    ),
+)

@@ -22,8 +22,15 @@ from eivor.logs.rosbag.messages import (
     message_layout,
     px4_releases,
 )
-from eivor.logs.ulog.channels import read_topics, unknown_filters
-from eivor.logs.ulog.topics import LOOKED_FOR, NEEDED_TOPICS, Topic, choose_instance, vehicle_of
+from eivor.logs.ulog.channels import (
+    LOOKED_FOR,
+    NEEDED_TOPICS,
+    Topic,
+    choose_instance,
+    read_topics,
+    unknown_filters,
+    vehicle_of,
+)
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, Frame, Recording
 

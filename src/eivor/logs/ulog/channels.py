@@ -1,17 +1,259 @@
-"""Channels of a ULog."""
+"""Topics of a ULog, and the channels that they hold."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 
 import numpy as np
 
 from eivor.logs import common
-from eivor.logs.ulog import topics as px4
 from eivor.signals.channels import CurveSide, roll_pitch_yaw
-from eivor.signals.recording import Channel, Finding
+from eivor.signals.recording import HELICOPTER, ROTARY_WING, VTOL, Channel, Finding, LogOrigin, utc_time
 from eivor.tools import Bool, Float
+
+#: What PX4's estimator makes of its sensors.
+ESTIMATOR_TOPIC = "vehicle_local_position"
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSource:
+    """One place where a channel may be."""
+
+    topic: str
+    field: str
+    sign: float = 1.0  # -1 where the channel is the negative of the logged value
+    valid_field: str = ""  # Field of the same message that is zero when the value means nothing
+    zero_is_absent: bool = False  # True when firmware that does not estimate the value logs zeros throughout
+    is_setpoint: bool = False
+
+    @property
+    def estimated(self) -> bool:
+        """Whether the estimator makes the values."""
+        return self.topic == ESTIMATOR_TOPIC
+
+    @property
+    def label(self) -> str:
+        """The source in the log's own words."""
+        return f"{'-' if self.sign < 0 else ''}{self.topic}.{self.field}"
+
+
+TABLES = common.source_tables("eivor.logs.ulog")
+CHANNEL_SOURCES = common.channel_sources(TABLES, TopicSource)
+
+#: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded
+#: climb rate.
+CONTROLLER_VELOCITY = TopicSource("vehicle_local_position_setpoint", "vz", is_setpoint=True)
+CONTROLLER_POSITION = TopicSource("vehicle_local_position_setpoint", "z", is_setpoint=True)
+
+#: Counters of the estimator's jumps in height and in vertical velocity, both of `vehicle_local_position`.
+RESET_COUNTERS: Mapping[str, str] = {"z_reset_counter": "height", "vz_reset_counter": "vertical velocity"}
+
+#: Channels whose source is another one than the preferred where that was logged much more often: PX4 may log
+#: the filtered acceleration at 20 Hz beside the raw one at its full rate.
+CHOSEN_BY_RATE = tuple(
+    f"{quantity}_{axis}" for quantity in ("specific_force_body", "angular_rate") for axis in "xyz"
+)
+
+#: The navigation state. A pilot flies in manual, altitude, position, acro and stabilized; in manual, acro and
+#: stabilized the thrust is the stick's, and no loop acts on it.
+NAVIGATION_STATE = TopicSource("vehicle_status", "nav_state")
+PILOT_STATES = (0, 1, 2, 10, 15)
+OPEN_LOOP_STATES = (0, 10, 15)
+#: In manual, altitude and stabilized mode the sticks set the attitude, in acro the rates; elsewhere loops do.
+ATTITUDE_STATES = (0, 1, 15)
+RATE_STATES = (10,)
+ATTITUDE_SETPOINT, RATES_SETPOINT = "vehicle_attitude_setpoint", "vehicle_rates_setpoint"
+
+#: Motor outputs as they are sent: pulse widths, or counts of DShot.
+PULSES_TOPIC = "actuator_outputs"
+#: Motor outputs: topic, field stem and side of the thrust curve, the preferred one first. PX4 inverts the
+#: curve (THR_MDL_FAC) between the two topics: in `FunctionMotors`, and in the mixer of older firmware.
+ACTUATOR_SOURCES: tuple[tuple[str, str, CurveSide], ...] = (
+    ("actuator_motors", "control", CurveSide.BEFORE),
+    (PULSES_TOPIC, "output", CurveSide.BEHIND),
+)
+MAX_ACTUATORS = 16
+#: Telemetry of electronic speed controllers: rotor speeds [rpm], of motor 1, 2, ... where a field of the same
+#: report says which motor it is of, by PX4's number of an actuator's function.
+ESC_TOPIC = "esc_status"
+ESC_SPEED, ESC_FUNCTION = "esc[{}].esc_rpm", "esc[{}].actuator_function"
+MAX_ESCS = 12
+FIRST_MOTOR_FUNCTION = 101
+
+NEEDED_TOPICS: tuple[str, ...] = tuple(
+    sorted(
+        {source.topic for sources in CHANNEL_SOURCES.values() for source in sources}
+        | {CONTROLLER_VELOCITY.topic, NAVIGATION_STATE.topic, RATES_SETPOINT}
+        | {topic for topic, *_ in ACTUATOR_SOURCES}
+        | {ESC_TOPIC}
+    )
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TopicLogging:
+    """How PX4's logger treats a topic."""
+
+    topic: str
+    default_rate_hz: float
+    full_rate_bits: Sequence[int] = ()
+
+
+#: Names of the bits of SDLOG_PROFILE that matter here.
+PROFILE_BITS: Mapping[int, str] = {0: "default set", 3: "system identification", 4: "high rate"}
+
+TOPIC_LOGGING = tuple(TopicLogging(topic, **row) for topic, row in TABLES["logging"].items())
+
+
+def _with_profile(source: TopicSource) -> str:
+    """Return a source's label with the bits of SDLOG_PROFILE that log it; old topics have none."""
+    bits = next((entry.full_rate_bits for entry in TOPIC_LOGGING if entry.topic == source.topic), None)
+    if bits is None:
+        return source.label
+    return f"{source.label} [SDLOG_PROFILE bit {' or '.join(map(str, sorted({0, *bits})))}]"
+
+
+LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
+    **{name: tuple(map(_with_profile, sources)) for name, sources in CHANNEL_SOURCES.items()},
+    **{name: tuple(texts) for name, texts in TABLES["looked_for"].items()},
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One instance of a topic: raw arrays by field, one entry per message."""
+
+    name: str
+    instance: int
+    fields: Mapping[str, np.ndarray]
+
+    @property
+    def size(self) -> int:
+        """Number of messages."""
+        return int(self.fields["timestamp"].size)
+
+
+def varying_fields(topic: Topic, stem: str) -> dict[int, np.ndarray]:
+    """Fields ``stem[0]``, ``stem[1]``, ... with at least two different finite values, by their numbers."""
+    every = {index: topic.fields.get(f"{stem}[{index}]", np.empty(0)) for index in range(MAX_ACTUATORS)}
+    numbers = {index: values.astype(np.float64) for index, values in every.items()}
+    return {
+        index: values for index, values in numbers.items() if np.unique(values[np.isfinite(values)]).size > 1
+    }
+
+
+def choose_instance(candidates: Sequence[Topic], findings: list[Finding]) -> Topic:
+    """Return the instance to use; a choice is reported in `findings`."""
+    ordered = sorted(candidates, key=lambda topic: topic.instance)
+    if len(ordered) == 1:
+        return ordered[0]
+    best = max(_usefulness(topic) for topic in ordered)
+    useful = [topic for topic in ordered if _usefulness(topic) == best]
+    longest = max(useful, key=lambda topic: topic.size)
+    chosen = longest if longest.size > 2 * useful[0].size else useful[0]
+    sizes = ", ".join(f"{topic.instance}: {topic.size} messages" for topic in ordered)
+    sentence = f"{chosen.name}: instance {chosen.instance} is used (there are {sizes})."
+    findings.append(Finding("several_instances", sentence))
+    return chosen
+
+
+def _usefulness(topic: Topic) -> int:
+    """How much of what the topic is for is there: connected batteries, moving outputs."""
+    if topic.name == "battery_status" and "connected" in topic.fields:
+        return int(np.any(topic.fields["connected"] != 0))
+    if topic.name == "actuator_outputs":
+        return len(varying_fields(topic, "output"))
+    return 0
+
+
+#: Topics with the time of satellites, the preferred one first, and that with the air.
+CLOCKS, AIR = ("vehicle_gps_position", "sensor_gps"), "vehicle_air_data"
+ORIGIN_TOPICS = (*CLOCKS, AIR)
+#: Channels of the air and their fields. The barometer's own temperature, where nothing else is logged, is
+#: above that of the air.
+AIR_FIELDS = {"air_density": ("rho",), "air_temperature": ("ambient_temperature", "baro_temp_celcius")}
+#: What the last byte of a release is, PX4's FIRMWARE_TYPE; smaller ones are of development.
+KINDS = {64: " alpha", 128: " beta", 192: " rc", 255: ""}
+
+
+def ulog_origin(
+    about: Mapping[str, bytes], topics: Mapping[str, Topic], start: np.uint64, parameters: Mapping[str, float]
+) -> LogOrigin:
+    """Origin of a log."""
+    name = _text(about.get("sys_name", b""))
+    airframe = parameters.get("SYS_AUTOSTART", 0.0)
+    version = int.from_bytes(about.get("ver_sw_release", b"")[:4], "little")
+    release = f" {_release(version)}" if version else ""
+    return LogOrigin(
+        board=_text(about.get("sys_uuid", b"")),
+        airframe=f"{name} airframe {airframe:.0f}".strip() if airframe > 0.0 else "",
+        firmware=f"{name}{release}",
+        start=next(filter(None, (_start(topics.get(name), start) for name in CLOCKS)), None),
+    )
+
+
+def air_channels(topics: Mapping[str, Topic], start: np.uint64) -> dict[str, Channel]:
+    """Channels of the air, on the log's clock."""
+    topic = topics.get(AIR)
+    if topic is None:
+        return {}
+    time_s = since_start(topic.fields["timestamp"], start)
+    results: dict[str, Channel] = {}
+    for name, fields in AIR_FIELDS.items():
+        for column in fields:
+            values = topic.fields.get(column)
+            if name not in results and values is not None and np.any(np.nan_to_num(values)):
+                results[name] = common.logged_channel(name, time_s, values.astype(float), f"{AIR}.{column}")
+    return results
+
+
+def _start(topic: Topic | None, start: np.uint64) -> datetime | None:
+    """Time of the log's start by a receiver of satellites; None while it has none."""
+    if topic is None or "time_utc_usec" not in topic.fields:
+        return None
+    utc = topic.fields["time_utc_usec"].astype(float) * 1e-6
+    dated = utc > 0.0
+    if not dated.any():
+        return None
+    since = since_start(topic.fields["timestamp"], start)
+    return utc_time(float(np.median(utc[dated] - since[dated])))
+
+
+def since_start(stamps: np.ndarray, start: np.uint64) -> np.ndarray:
+    """Seconds since the log's start."""
+    with np.errstate(over="ignore"):
+        return np.asarray((stamps.astype(np.uint64) - start).view(np.int64) * 1e-6)
+
+
+def _text(content: bytes) -> str:
+    text = content.decode("latin-1").strip("\0 ")
+    return text if text.isprintable() else ""
+
+
+def _release(number: int) -> str:
+    major, minor, patch, kind = number.to_bytes(4, "big")
+    return f"{major}.{minor}.{patch}{KINDS.get(kind, ' development')}"
+
+
+#: Kinds of vehicles by vehicle_status.vehicle_type, how it moves at the time, by MAV_TYPE and by CA_AIRFRAME.
+LOCOMOTION, MAV_TYPES, AIRFRAMES = common.by_number(TABLES, "vehicle_type", "MAV_TYPE", "CA_AIRFRAME")
+
+
+def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> str:
+    """Kind of vehicle in words, empty when the log does not say."""
+    status = topics.get("vehicle_status")
+    vehicle_types = status.fields.get("vehicle_type", ()) if status is not None else ()
+    kinds = [LOCOMOTION[kind] for kind in np.unique(vehicle_types).tolist() if kind in LOCOMOTION]
+    airframe = AIRFRAMES.get(parameters.get("CA_AIRFRAME", 0.0), "")
+    named = MAV_TYPES.get(parameters.get("MAV_TYPE", 0.0), airframe)
+    if len(kinds) > 1 and ROTARY_WING in kinds:
+        return VTOL
+    # what moves like another vehicle by PX4's word: its parameters name it closer
+    closer = {(ROTARY_WING, HELICOPTER), ("rover", "boat")}
+    return named if not kinds or (kinds[0], named) in closer else kinds[0]
+
 
 NAMES = ("roll", "pitch", "yaw")
 #: A quaternion further from one in length is none.
@@ -43,7 +285,7 @@ LONGEST_MEAN_S = 0.02
 Delay = tuple[float, str]
 
 
-def topic_delays(topic: px4.Topic, parameters: Mapping[str, float]) -> list[Delay]:
+def topic_delays(topic: Topic, parameters: Mapping[str, float]) -> list[Delay]:
     """Known delays of a topic, each with its cause; none for most topics."""
     delays: list[Delay] = []
     filter_name = LOW_PASSES.get(topic.name, "")
@@ -67,7 +309,7 @@ def topic_delays(topic: px4.Topic, parameters: Mapping[str, float]) -> list[Dela
     return [delay for delay in delays if delay[0] > 0.0]
 
 
-def _latency_s(topic: px4.Topic) -> float:
+def _latency_s(topic: Topic) -> float:
     """Median time from sample to stamp [s]; 0 when it is not known, or of another clock."""
     sampled = topic.fields.get("timestamp_sample")
     if sampled is None or not sampled.size or sampled.dtype.kind not in "iu":
@@ -120,7 +362,7 @@ def are_pulses(columns: Sequence[Float[np.ndarray, " n"]], parameters: Mapping[s
     values = values[np.isfinite(values) & (values != 0.0)]
     if not values.size or values.min() < WIDTHS[0] or values.max() > WIDTHS[1]:
         return False
-    timers = [f"{group}_TIM{number}" for group in GROUPS for number in range(px4.MAX_ACTUATORS)]
+    timers = [f"{group}_TIM{number}" for group in GROUPS for number in range(MAX_ACTUATORS)]
     by_dshot = any(int(parameters.get(name, 0.0)) in DSHOT_RATES for name in timers)
     return not (by_dshot or parameters.get("DSHOT_CONFIG", 0.0) > 0.0)
 
@@ -134,7 +376,7 @@ def as_shares(
     known = {name: item for name, item in ranges.items() if item is not None}
     if len(known) < len(ranges):
         sentence = (
-            f"{px4.PULSES_TOPIC} holds pulse widths in microseconds, and no parameter gives their range "
+            f"{PULSES_TOPIC} holds pulse widths in microseconds, and no parameter gives their range "
             f"({group}_MIN1 and {group}_MAX1, or PWM_MIN and PWM_MAX). They stay as they are, and no input "
             "map fits an offset."
         )
@@ -144,7 +386,7 @@ def as_shares(
     for low, high, names in known.values():
         in_words.setdefault((low, high), f"{low:g} to {high:g} ({names})")
     sentence = (
-        f"{px4.PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
+        f"{PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
         f"{', '.join(in_words.values())}."
     )
     findings.append(Finding("pulse_widths", sentence))
@@ -159,9 +401,9 @@ def motor_outputs(indices: Sequence[int], parameters: Mapping[str, float]) -> tu
     for group in GROUPS:
         function = {index: int(parameters.get(f"{group}_FUNC{index + 1}", 0.0)) for index in indices}
         motors = {
-            name: which - px4.FIRST_MOTOR_FUNCTION + 1
+            name: which - FIRST_MOTOR_FUNCTION + 1
             for name, which in function.items()
-            if px4.FIRST_MOTOR_FUNCTION <= which < px4.FIRST_MOTOR_FUNCTION + px4.MAX_ACTUATORS
+            if FIRST_MOTOR_FUNCTION <= which < FIRST_MOTOR_FUNCTION + MAX_ACTUATORS
         }
         if motors:
             return group, dict(sorted(motors.items(), key=lambda item: item[1]))
@@ -183,7 +425,7 @@ def pulse_range(
 
 @dataclass(slots=True)
 class _Reading:
-    topics: Mapping[str, px4.Topic]
+    topics: Mapping[str, Topic]
     clocks: Mapping[
         str, Float[np.ndarray, " _"]
     ]  # Stamps of each topic's messages, from the log's start on [s]
@@ -194,7 +436,7 @@ class _Reading:
     inactive_setpoints: list[str] = field(default_factory=list)
     never_valid: list[str] = field(default_factory=list)
 
-    def values(self, source: px4.TopicSource) -> Float[np.ndarray, " n"] | None:
+    def values(self, source: TopicSource) -> Float[np.ndarray, " n"] | None:
         """Values of a source, NaN where invalid; None when the log has no such field."""
         fields = self.fields(source.topic)
         if source.field not in fields:
@@ -211,10 +453,10 @@ class _Reading:
     def in_states(self, topic: str, states: tuple[int, ...]) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle was in one of some states at each message of a topic."""
         stamps = self.clocks.get(topic, np.empty(0))
-        stated = self.fields(px4.NAVIGATION_STATE.topic).get(px4.NAVIGATION_STATE.field)
+        stated = self.fields(NAVIGATION_STATE.topic).get(NAVIGATION_STATE.field)
         if stated is None:
             return np.zeros(stamps.size, dtype=np.bool_)
-        times = self.clocks[px4.NAVIGATION_STATE.topic]
+        times = self.clocks[NAVIGATION_STATE.topic]
         known = np.isfinite(times)
         return common.held_at(times[known], np.isin(stated, states)[known], stamps, before=False)
 
@@ -226,7 +468,7 @@ class _Reading:
         if np.isfinite(channel.values).any():
             self.channels[name] = channel
 
-    def add(self, name: str, source: px4.TopicSource, where: Bool[np.ndarray, " n"] | None = None) -> None:
+    def add(self, name: str, source: TopicSource, where: Bool[np.ndarray, " n"] | None = None) -> None:
         """Add a channel from a source, when that has a valid value (among the samples `where`)."""
         values = self.values(source)
         if values is None:
@@ -253,7 +495,7 @@ class _Reading:
 
 
 def read_topics(
-    topics: Mapping[str, px4.Topic],
+    topics: Mapping[str, Topic],
     start: np.uint64,
     parameters: Mapping[str, float],
     findings: list[Finding],
@@ -265,7 +507,7 @@ def read_topics(
     ends = [float(np.nanmax(clock)) for clock in clocks.values() if np.isfinite(clock).any()]
     reading = _Reading(topics, clocks, late, max(ends, default=0.0), findings)
     sizes = {name: topic.size for name, topic in topics.items()}
-    sources = px4.CHANNEL_SOURCES, px4.CHOSEN_BY_RATE
+    sources = CHANNEL_SOURCES, CHOSEN_BY_RATE
     for name, source in common.in_preference(*sources, lambda source: sizes.get(source.topic, 0)):
         if name not in reading.channels:
             reading.add(name, source)
@@ -286,7 +528,7 @@ def _rotor_findings(reading: _Reading) -> list[Finding]:
     """When a vehicle that flies in another way too is on its rotors."""
     types = reading.fields("vehicle_status").get("vehicle_type", np.zeros(0))
     on_rotors = types == 1
-    if not (on_rotors.any() and np.isin(types, list(px4.LOCOMOTION.keys() - {1})).any()):
+    if not (on_rotors.any() and np.isin(types, list(LOCOMOTION.keys() - {1})).any()):
         return []
     times = np.append(reading.clocks["vehicle_status"], reading.end_s)
     edges = np.flatnonzero(np.diff(on_rotors, prepend=False, append=False))
@@ -297,11 +539,11 @@ def _rotor_findings(reading: _Reading) -> list[Finding]:
 def _reset_findings(reading: _Reading) -> list[Finding]:
     """Jumps of the estimate, which are no motion: where a counter of the estimator's resets moves."""
     findings: list[Finding] = []
-    for counter, meaning in px4.RESET_COUNTERS.items():
-        counts = reading.fields(px4.ESTIMATOR_TOPIC).get(counter, np.empty(0))
+    for counter, meaning in RESET_COUNTERS.items():
+        counts = reading.fields(ESTIMATOR_TOPIC).get(counter, np.empty(0))
         if not counts.size:
             continue
-        times = reading.clocks[px4.ESTIMATOR_TOPIC][1:][counts[1:] != counts[:-1]]
+        times = reading.clocks[ESTIMATOR_TOPIC][1:][counts[1:] != counts[:-1]]
         text = ", ".join(f"{time:.2f}" for time in times[:10]) + (", ..." if times.size > 10 else "")
         findings += common.noted("estimator_reset", f"The estimate of {meaning} jumps at {{}} s.", text)
     return findings
@@ -309,32 +551,32 @@ def _reset_findings(reading: _Reading) -> list[Finding]:
 
 def _seconds(stamps: np.ndarray, start: np.uint64) -> Float[np.ndarray, " n"]:
     """Seconds since the log's start; NaN for stamps that cannot be."""
-    time = px4.since_start(stamps, start)
+    time = since_start(stamps, start)
     time[np.abs(time) > common.MAX_SPAN_S] = np.nan
     return time
 
 
 def _add_controller_velocity(reading: _Reading) -> None:
     """Add the controller's velocity setpoint: feedback under a height setpoint, else a climb rate."""
-    heights = reading.values(px4.CONTROLLER_POSITION)
+    heights = reading.values(CONTROLLER_POSITION)
     if heights is None:
         return
     in_force = np.isfinite(heights)
-    reading.add("feedback_reference_velocity_z", px4.CONTROLLER_VELOCITY, in_force)
+    reading.add("feedback_reference_velocity_z", CONTROLLER_VELOCITY, in_force)
     if "trajectory_setpoint" not in reading.topics:
-        reading.add("reference_velocity_z", px4.CONTROLLER_VELOCITY, ~in_force)
+        reading.add("reference_velocity_z", CONTROLLER_VELOCITY, ~in_force)
 
 
 def _add_setpoints(reading: _Reading) -> None:
     """Add setpoints of the attitude, distinguished by who makes them, and of rates where sticks do."""
-    topic = px4.ATTITUDE_SETPOINT
-    by_sticks = reading.in_states(topic, px4.ATTITUDE_STATES)
+    topic = ATTITUDE_SETPOINT
+    by_sticks = reading.in_states(topic, ATTITUDE_STATES)
     for name, (values, source) in zip(NAMES, _angles(reading.fields(topic)), strict=False):
         for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
             series = np.where(where, values, np.nan)
             reading.put(f"{kind}reference_{name}", topic, series, f"{topic}.{source}")
-    topic = px4.RATES_SETPOINT
-    by_sticks = reading.in_states(topic, px4.RATE_STATES)
+    topic = RATES_SETPOINT
+    by_sticks = reading.in_states(topic, RATE_STATES)
     for axis, name in zip("xyz", NAMES, strict=True):
         if name in reading.fields(topic):
             series = np.where(by_sticks, reading.fields(topic)[name].astype(np.float64), np.nan)
@@ -358,27 +600,27 @@ def _angles(fields: Mapping[str, np.ndarray]) -> list[tuple[Float[np.ndarray, " 
 
 def _add_modes(reading: _Reading) -> None:
     """Add when a pilot flies, when no loop acts on the thrust, and when sticks set attitude or rates."""
-    states = reading.values(px4.NAVIGATION_STATE)
+    states = reading.values(NAVIGATION_STATE)
     if states is None:
         return
     modes = {
-        "pilot_in_control": px4.PILOT_STATES,
-        "input_open_loop": px4.OPEN_LOOP_STATES,
-        "pilot_sets_attitude": (*px4.ATTITUDE_STATES, *px4.RATE_STATES),
+        "pilot_in_control": PILOT_STATES,
+        "input_open_loop": OPEN_LOOP_STATES,
+        "pilot_sets_attitude": (*ATTITUDE_STATES, *RATE_STATES),
     }
     for name, known in modes.items():
         within = np.isin(states, known).astype(np.float64)
-        reading.put(name, px4.NAVIGATION_STATE.topic, within, px4.NAVIGATION_STATE.label)
+        reading.put(name, NAVIGATION_STATE.topic, within, NAVIGATION_STATE.label)
 
 
 def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
     """Add the motor outputs that move, numbered from 1; an unused one is NaN or constant."""
-    for topic_name, stem, side in px4.ACTUATOR_SOURCES:
+    for topic_name, stem, side in ACTUATOR_SOURCES:
         topic = reading.topics.get(topic_name)
-        values = px4.varying_fields(topic, stem) if topic is not None else {}
+        values = varying_fields(topic, stem) if topic is not None else {}
         if not values:
             continue
-        if topic_name == px4.PULSES_TOPIC and are_pulses(list(values.values()), parameters):
+        if topic_name == PULSES_TOPIC and are_pulses(list(values.values()), parameters):
             values = as_shares(values, parameters, reading.findings)
         for number, (item, column) in enumerate(values.items(), start=1):
             reading.put(f"actuator_output_{number}", topic_name, column, f"{topic_name}.{stem}[{item}]", side)
@@ -387,19 +629,19 @@ def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
 
 def _add_rotor_speeds(reading: _Reading) -> None:
     """Add the speeds [rad/s] of the motors that turn, by telemetry, each under its motor's number."""
-    fields = reading.fields(px4.ESC_TOPIC)
-    names = {index: px4.ESC_SPEED.format(index) for index in range(px4.MAX_ESCS)}
+    fields = reading.fields(ESC_TOPIC)
+    names = {index: ESC_SPEED.format(index) for index in range(MAX_ESCS)}
     turning = {index: name for index, name in names.items() if np.any(fields.get(name, 0))}
     selected = {item: _motor_of(fields, item) for item in turning}
     known = all(selected.values()) and len(set(selected.values())) == len(selected)
     for entry, name in turning.items():
         speeds = fields[name].astype(np.float64) * common.UNITS["rpm"][1]
         channel = f"rotor_speed_{selected[entry] if known else entry + 1}"
-        reading.put(channel, px4.ESC_TOPIC, speeds, f"{px4.ESC_TOPIC}.{name}", CurveSide.BEHIND)
+        reading.put(channel, ESC_TOPIC, speeds, f"{ESC_TOPIC}.{name}", CurveSide.BEHIND)
 
 
 def _motor_of(fields: Mapping[str, np.ndarray], position: int) -> int:
     """Number of the motor that a report is of, from 1 on; 0 when it does not say, or not always the same."""
-    functions = np.unique(fields.get(px4.ESC_FUNCTION.format(position), np.zeros(1)))
-    number = int(functions[0]) - px4.FIRST_MOTOR_FUNCTION + 1
-    return number if functions.size == 1 and 1 <= number <= px4.MAX_ESCS else 0
+    functions = np.unique(fields.get(ESC_FUNCTION.format(position), np.zeros(1)))
+    number = int(functions[0]) - FIRST_MOTOR_FUNCTION + 1
+    return number if functions.size == 1 and 1 <= number <= MAX_ESCS else 0

@@ -15,7 +15,7 @@ import numpy as np
 from eivor.errors import CorruptLogError, EmptyLogError, InputError, UnknownFormatError
 from eivor.logs import common
 from eivor.logs.table.delimited import open_csv
-from eivor.logs.ulog import topics as px4
+from eivor.logs.ulog import channels as px4
 from eivor.logs.ulog.channels import read_topics, unknown_filters
 from eivor.signals.recording import Finding, Frame, Recording
 
