@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import eivor as ev
 from eivor.cli.main import app
+from eivor.cli.options import FlightWords
 from eivor.cli.parsing import flight_options
 from eivor.errors import InputError, MissingChannelError, ParameterError, UsageError
 from eivor.flights.motion import of_vehicle
@@ -220,7 +221,7 @@ TURNING = calls("turning", None,
         r"output_error with a motion that predicts its states; received it with 'rates'\."),
     (lambda: ev.identify(LINE, ev.methods.output_error()), UsageError,
         "a flight of a motion whose states output_error predicts"),
-    (lambda: flight_options((Vertical(),), terms=["lift"]), UsageError, "received 'lift'"),
+    (lambda: flight_options((Vertical(),), FlightWords(terms=["lift"])), UsageError, "received 'lift'"),
     (lambda: of_vehicle(Vertical(), "quadrotor-x"), UsageError, "the radius of its rotors"),
 )  # fmt: skip
 

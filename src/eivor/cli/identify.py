@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import wraps
 from pkgutil import resolve_name
+from types import SimpleNamespace
 from typing import Annotated, Any
 
 from msgspec import Struct
@@ -36,8 +37,8 @@ def declared(
 
     def made(command: Callable[P, None]) -> Callable[P, None]:
         @wraps(with_options(*sources, only=only)(command))
-        def done(*args: P.args, **kwargs: P.kwargs) -> ExitCode:
-            return resolve_name(f"eivor.cli.{home}:{command.__name__}")(*args, **kwargs)
+        def done(*_: P.args, **typed: P.kwargs) -> ExitCode:
+            return resolve_name(f"eivor.cli.{home}:{command.__name__}")(SimpleNamespace(**typed))
 
         return guarded(done)
 

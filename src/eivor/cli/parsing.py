@@ -10,7 +10,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, TypeVar
+
+import msgspec
 
 from eivor import checks
 from eivor.cli.options import NEEDS, FlightWords, LogWords, parse_pair
@@ -37,6 +40,7 @@ from eivor.signals.recording import DataSheet, Recording, interval_within
 from eivor.tools import Progress, no_stage_callback
 
 Window = tuple[float, float]
+Words = TypeVar("Words", bound=msgspec.Struct)
 
 
 def log_argument(text: str) -> tuple[Path, Window | None]:
@@ -156,19 +160,22 @@ def identified(
         raise MissingChannelError(error.expected, error.received, remedy) from error
 
 
-def read_logs(
-    texts: list[str] | None, options: FlightOptions, *, example: bool, channel_map: str
-) -> tuple[list[Recording], list[Window | None]]:
+def words_of(kind: type[Words], given: Mapping[str, Any]) -> Words:
+    """Options of one kind among those that were typed."""
+    return kind(**{name: value for name, value in given.items() if name in kind.__struct_fields__})
+
+
+def read_logs(words: LogWords, options: FlightOptions) -> tuple[list[Recording], list[Window | None]]:
     """Recordings of what was typed, and the window of each that has one of its own."""
-    logs = [log_argument(text) for text in texts or ()]
+    logs, channel_map = [log_argument(text) for text in words.logs or ()], words.channel_map
     windows = [window for _, window in logs] or [None]
-    if example == bool(logs):
+    if words.example == bool(logs):
         raise UsageError(
             "one or more logs, or --example",
-            "both" if example else "neither",
+            "both" if words.example else "neither",
             "Name a file such as flight.ulg, or try the command with --example.",
         )
-    if example and channel_map:
+    if words.example and channel_map:
         raise UsageError(
             "--map with a log",
             f"--example with --map {channel_map}",
@@ -180,25 +187,22 @@ def read_logs(
         with step(f"Reading {path.name}"), named(typed, several=len(logs) > 1), here(typed) as file:
             read[path] = read_log(file, channel_map=channel_map or None)
     recordings = [read[path] for path in paths]
-    if example:
+    if words.example:
         paths, recordings = [Path(EXAMPLE_FLIGHT)], [example_flight()]
     return named_flights(paths, windows, recordings, options), windows
 
 
-def result_of(given: dict[str, Any], needs: str) -> tuple[LogEstimate, tuple[str, ...]]:
-    """Read logs and identify them, of the options of `LogWords` and `FlightWords`; and what is needed."""
-    logs = LogWords(**{name: given.pop(name) for name in LogWords.__struct_fields__ if name in given})
+def result_of(typed: SimpleNamespace) -> tuple[LogEstimate, tuple[str, ...]]:
+    """Read logs and identify them, as typed; and what is needed."""
+    logs, words = words_of(LogWords, vars(typed)), words_of(FlightWords, vars(typed))
     motions = named_motions(logs.model, logs.vehicle, logs.machine)
-    options, needed = flight_options(motions, **given), parse_needs(needs, motions)
-    result = pooled_result(motions, options, logs.logs, example=logs.example, channel_map=logs.channel_map)
-    return result, needed
+    options, needed = flight_options(motions, words), parse_needs(typed.needs, motions)
+    return pooled_result(motions, options, logs), needed
 
 
-def pooled_result(
-    motions: Motions, options: FlightOptions, logs: list[str] | None, *, example: bool, channel_map: str
-) -> LogEstimate:
+def pooled_result(motions: Motions, options: FlightOptions, logs: LogWords) -> LogEstimate:
     """Read logs and identify them with options of the library."""
-    recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
+    recordings, windows = read_logs(logs, options)
     several = len(recordings) > 1
     with step(f"{len(recordings)} flights together" if several else recordings[0].name) as progress:
         return identified(recordings, motions, options, windows, progress)
@@ -297,9 +301,8 @@ def parse_needs(text: str, motions: Motions) -> tuple[str, ...]:
     return needs
 
 
-def flight_options(motions: Motions, **given: Any) -> FlightOptions:
-    """Options of the library, of those of `FlightWords`, checked before any log is read."""
-    words = FlightWords(**given)
+def flight_options(motions: Motions, words: FlightWords) -> FlightOptions:
+    """Options of the library, checked before any log is read."""
     chosen = by_name(words.method)
     if words.instruments and not (words.compare or chosen.of_flights.needs_instruments):
         raise UsageError(

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
+from types import SimpleNamespace
 from typing import Any
 
 from eivor.atomic_file import write_atomically
@@ -46,28 +47,27 @@ def _write_residuals(result: LogEstimate, folder: Path) -> None:
             write_atomically(folder / name, text)
 
 
-def identify(
-    *, needs: str, json: str, figure: str, html: str, card: bool, residuals: str, **given: Any
-) -> outputs.ExitCode:
+def identify(typed: SimpleNamespace) -> outputs.ExitCode:
     """Do what `eivor.cli.identify.identify` declares."""
-    picture = outputs.figure_file(figure)
-    result, needed = result_of(given, needs)
+    picture = outputs.figure_file(typed.figure)
+    result, needed = result_of(typed)
     outputs.deliver_result(
-        lambda: on_terminal(*log_documents(result, card=card)),
+        lambda: on_terminal(*log_documents(result, card=typed.card)),
         result.to_json,
-        json,
+        typed.json,
         figure_part(picture, lambda: flight_figure(result.drawn)),
-        *([partial(write_page, result, html)] if html else []),
-        *([partial(_write_residuals, result, Path(residuals))] if residuals else []),
+        *([partial(write_page, result, typed.html)] if typed.html else []),
+        *([partial(_write_residuals, result, Path(typed.residuals))] if typed.residuals else []),
     )
     return outputs.ExitCode.IDENTIFIED if result.meets(needed) else outputs.ExitCode.NOT_IDENTIFIED
 
 
-def report(*, needs: str, out: str, **given: Any) -> outputs.ExitCode:
+def report(typed: SimpleNamespace) -> outputs.ExitCode:
     """Do what `eivor.cli.identify.report` declares."""
+    out = typed.out
     if not out:
         raise UsageError("a file for the page", "none", "Add -o flight.html, for example.")
-    result, needed = result_of(given, needs)
+    result, needed = result_of(typed)
     write_page(result, out)
     if out != outputs.STANDARD_OUTPUT:
         facts = Facts((("page", f"{out} ({Path(out).stat().st_size / 1e6:.2f} MB)"),))

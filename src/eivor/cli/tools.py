@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib import resources
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Annotated, Any
 
 import typer
@@ -193,19 +194,14 @@ def inspect(
     calibration: Annotated[
         bool, flag("--calibration", "List what kinematics says of the sensors: clocks, scales, biases, axes.")
     ] = False,
-    logs: list[str] | None,
-    example: bool,
-    model: str,
-    vehicle: str,
-    machine: str,
-    channel_map: str,
     **given: Any,
 ) -> None:
     """List what logs hold: channels, flight, references; and what identify would say, of each and of all."""
-    model = model or ("" if machine else DEFAULT_MODEL)
-    (motion,) = motions = parsing.named_motions(model, vehicle, machine)
-    options = parsing.flight_options(motions, **given)
-    recordings, windows = parsing.read_logs(logs, options, example=example, channel_map=channel_map)
+    logs = parsing.words_of(LogWords, given)
+    model = logs.model or ("" if logs.machine else DEFAULT_MODEL)
+    (motion,) = motions = parsing.named_motions(model, logs.vehicle, logs.machine)
+    options = parsing.flight_options(motions, parsing.words_of(FlightWords, given))
+    recordings, windows = parsing.read_logs(logs, options)
     with step(f"Inspecting {', '.join(recording.name for recording in recordings)}"):
         pooled = inspection.pooled_inspection(recordings, options, windows, motion)
     alone = pooled.logs[0] if len(recordings) == 1 else None
@@ -439,95 +435,66 @@ def new_machine(
     _begun("a machine", machine_text(like), file)
 
 
-def track(
-    *,
-    log: str,
-    memory: float | None,
-    parameter: str,
-    accelerometer_bias: float | None,
-    method: str,
-    json: str,
-    figure: str,
-    example: bool,
-    channel_map: str,
-    machine: str,
-    **given: Any,
-) -> ExitCode:
+def track(typed: SimpleNamespace) -> ExitCode:
     """Do what `eivor.cli.identify.track` declares."""
-    motions = parsing.named_motions("" if machine else DEFAULT_MODEL, machine=machine)
-    picture = figure_file(figure)
-    options = parsing.flight_options(motions, method=method, **given)
-    if accelerometer_bias is not None:
-        options = replace(options, accelerometer_bias=accelerometer_bias)
-    logs = [log] if log else None
-    result = parsing.pooled_result(motions, options, logs, example=example, channel_map=channel_map)
+    motions = parsing.named_motions("" if typed.machine else DEFAULT_MODEL, machine=typed.machine)
+    picture, bias = figure_file(typed.figure), typed.accelerometer_bias
+    words = parsing.words_of(FlightWords, vars(typed) | {"accelerometer_bias": None})
+    options = parsing.flight_options(motions, words)
+    if bias is not None:
+        options = replace(options, accelerometer_bias=bias)
+    logs = parsing.words_of(LogWords, vars(typed) | {"logs": [typed.log] if typed.log else None})
+    result = parsing.pooled_result(motions, options, logs)
     with step("Following it over the log"):
-        tracked = tracked_parameter(result.first, memory, parameter)
+        tracked = tracked_parameter(result.first, typed.memory, typed.parameter)
     deliver_result(
         lambda: on_terminal(track_document(tracked)),
         lambda: json_text(track_json(tracked)),
-        json,
+        typed.json,
         figure_part(picture, lambda: track_figure(tracked)),
     )
     return ExitCode.IDENTIFIED if tracked.precise_moments else ExitCode.NOT_IDENTIFIED
 
 
-def validate(
-    *,
-    fit: Path,
-    log: str,
-    model: str,
-    json: str,
-    figure: str,
-    window: str,
-    max_tilt: float | None,
-    channel_map: str,
-) -> ExitCode:
+def validate(typed: SimpleNamespace) -> ExitCode:
     """Do what `eivor.cli.identify.validate` declares."""
-    picture = figure_file(figure)
-    options = FlightOptions(window=parsing.parse_window(window) if window else None)
-    fits = load_fits(fit)
-    result = fit_among(fits, model, preferred=tuple(fits))
+    picture = figure_file(typed.figure)
+    options = FlightOptions(window=parsing.parse_window(typed.window) if typed.window else None)
+    fits = load_fits(typed.fit)
+    result = fit_among(fits, typed.model, preferred=tuple(fits))
     others = [name for name, other in fits.items() if other is not result and other.estimated is not None]
-    if others and not model:
-        complain(f"compared is the first motion of {fit.name}; others: --model {' or '.join(others)}")
+    if others and not typed.model:
+        complain(f"compared is the first motion of {typed.fit.name}; others: --model {' or '.join(others)}")
     if result.document.prediction is not None:
         _ = result.motion  # whose channels the log may have
-    (recording,), (own_window,) = parsing.read_logs([log], options, example=False, channel_map=channel_map)
+    logs = LogWords(logs=[typed.log], channel_map=typed.channel_map)
+    (recording,), (own_window,) = parsing.read_logs(logs, options)
     with step(f"Predicting {recording.name}"):
-        validation = validated(result, recording, window=own_window or options.window, max_tilt_deg=max_tilt)
+        window = own_window or options.window
+        validation = validated(result, recording, window=window, max_tilt_deg=typed.max_tilt)
     deliver_result(
         lambda: on_terminal(validation_document(validation)),
         validation.to_json,
-        json,
+        typed.json,
         figure_part(picture, validation.plot),
     )
     return ExitCode.IDENTIFIED if validation.agrees else ExitCode.NOT_IDENTIFIED
 
 
-def frequency_response(
-    *,
-    axis: str,
-    reference: str,
-    figure: str,
-    json: str,
-    logs: list[str] | None,
-    example: bool,
-    machine: str,
-    channel_map: str,
-    **given: Any,
-) -> ExitCode:
+def frequency_response(typed: SimpleNamespace) -> ExitCode:
     """Do what `eivor.cli.identify.frequency_response` declares."""
-    picture = figure_file(figure)
-    paths = frequency_responses.response_paths(axis, load_machine(machine) if machine else None)
-    options = parsing.flight_options(tuple(path.motion for path in paths.values()), **given)
-    recordings, windows = parsing.read_logs(logs, options, example=example, channel_map=channel_map)
+    picture = figure_file(typed.figure)
+    declared_machine = load_machine(typed.machine) if typed.machine else None
+    paths = frequency_responses.response_paths(typed.axis, declared_machine)
+    motions, words = tuple(path.motion for path in paths.values()), parsing.words_of(FlightWords, vars(typed))
+    options = parsing.flight_options(motions, words)
+    recordings, windows = parsing.read_logs(parsing.words_of(LogWords, vars(typed)), options)
     with step("Estimating the frequency response"):
-        results = frequency_responses.log_responses(recordings, options, windows, paths, reference)
+        results = frequency_responses.log_responses(recordings, options, windows, paths, typed.reference)
     deliver_result(
         lambda: on_terminal(*map(frequency_responses.response_document, results)),
         lambda: json_text(frequency_responses.responses_json(results)),
-        json,
+        typed.json,
         figure_part(picture, lambda: frequency_responses.response_figure(results)),
     )
     any_shown = any(item.response.is_shown.any() and not item.response.is_provisional for item in results)

@@ -115,7 +115,7 @@ def run_command(
     options = FleetOptions(
         motion=model or DEFAULT_MODEL,
         vehicle_file=vehicle,
-        flight=flight_options(motions, **given),
+        flight=flight_options(motions, FlightWords(**given)),
         maps=given_maps(channel_map),
         vehicle_from=vehicle_from,
         limits=Limits(log_time, log_memory),

@@ -16,7 +16,6 @@ from eivor import checks
 from eivor.atomic_file import write_atomically
 from eivor.cli import parsing
 from eivor.cli.export import supplied
-from eivor.cli.options import FlightWords
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.estimation.methods import TABLE
 from eivor.exports.fitted import Exported, Supplied, Target
@@ -106,8 +105,7 @@ def identify(
         words = request.options
         with _vehicle(words.vehicle, folder) as vehicle:
             motions = parsing.named_motions(words.model, vehicle)
-        of_flight = {name: getattr(words, name) for name in FlightWords.__struct_fields__}
-        options = parsing.flight_options(motions, **of_flight)
+        options = parsing.flight_options(motions, words)
         supplied(words.mass, (), "")  # exports take it: what it says is reported now
         several, names, seen = len(request.logs) > 1, {}, Counter[str]()
         for log in dict.fromkeys(log for log, _ in request.windows):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import eivor as ev
+from eivor.cli.options import FlightWords
 from eivor.cli.parsing import flight_options
 from eivor.errors import InputError, UsageError
 from eivor.estimation.methods import identify, least_squares, reference_iv
@@ -507,5 +508,7 @@ def test_without_instruments_terms_are_biased(log_left):
 
 
 def test_the_command_line_takes_terms_before_a_log_is_read():
-    options = flight_options((Vertical(),), terms=["ground-effect", "voltage"], rotor_radius=RADIUS)
+    options = flight_options(
+        (Vertical(),), FlightWords(terms=["ground-effect", "voltage"], rotor_radius=RADIUS)
+    )
     assert (options.terms, options.rotor_radius) == (("ground-effect", "voltage"), RADIUS)
