@@ -204,14 +204,9 @@ def inspect(
     recordings, windows = parsing.read_logs(logs, options)
     with step(f"Inspecting {', '.join(recording.name for recording in recordings)}"):
         pooled = inspection.pooled_inspection(recordings, options, windows, motion)
-    alone = pooled.logs[0] if len(recordings) == 1 else None
-    documents = [inspection.inspection_document(alone)] if alone else inspection.pooled_documents(pooled)
-    if calibration:
-        documents = [inspection.calibration_document(log) for log in pooled.logs]
+    made = inspection.calibration_documents if calibration else inspection.pooled_documents
     deliver_result(
-        lambda: on_terminal(*documents),
-        lambda: json_text(inspection.inspection_json(alone) if alone else inspection.pooled_json(pooled)),
-        json,
+        lambda: on_terminal(*made(pooled)), lambda: json_text(inspection.pooled_json(pooled)), json
     )
 
 

@@ -301,7 +301,7 @@ def _frequencies(response: FrequencyResponse) -> Any:
         "low": [f"{value:.1f}" for value in decibels[:, 1]],
         "high": [f"{value:.1f}" for value in decibels[:, 2]],
         "phase [°]": [f"{value:.0f}" for value in phase],
-        "±": ["" if math.isnan(value) else f"{value:.1f}" for value in 0.5 * (late - early)],
+        "±": [_known(value, ".1f") for value in 0.5 * (late - early)],
         "u, y": [f"{value:.2f}" for value in response.direct_coherence],
     }
     if not response.is_direct:
@@ -311,6 +311,10 @@ def _frequencies(response: FrequencyResponse) -> Any:
         columns["direct [dB]"] = [f"{value:+.1f}" for value in off]
     titles = [TableColumn(title, right=True, whole=True) for title in columns]
     return table(titles, ([cells[k] for cells in columns.values()] for k in picked.tolist()))
+
+
+def _known(value: float, form: str) -> str:
+    return "" if math.isnan(value) else f"{value:{form}}"
 
 
 def _ends(interval: tuple[float, float], scale: float = 1.0) -> str:
@@ -330,8 +334,8 @@ def _orders(models: TransferFunctions) -> Any:
                 f"{1e3 * model.lag_s:.1f}",
                 f"{1e3 * value['delay']:.1f}",
                 f"{value['damping']:.2f}",
-                "" if math.isnan(model.natural_frequency_hz) else f"{model.natural_frequency_hz:.2g}",
-                "" if math.isnan(model.damping_ratio) else f"{model.damping_ratio:.2g}",
+                _known(model.natural_frequency_hz, ".2g"),
+                _known(model.damping_ratio, ".2g"),
             )
         )
     titles = ("order", "ΔAICc", "p", "gain", "lag [ms]", "delay [ms]", "damping [1/s]", "f₀ [Hz]", "ζ")
@@ -381,13 +385,8 @@ def _loop(loop: FrequencyResponse) -> Any:
     for name, (value, low, high) in measured_margins(loop).items():
         if name in LOOP:
             words, decimals = LOOP[name]
-            rows.append(
-                (
-                    words,
-                    "" if math.isnan(value) else f"{value:.{decimals}f}",
-                    "" if math.isnan(low) else _ends((low, high)),
-                )
-            )
+            ends = "" if math.isnan(low) else _ends((low, high))
+            rows.append((words, _known(value, f".{decimals}f"), ends))
     return table(("", TableColumn("value", right=True), f"{loop.level:.0%}"), rows)
 
 

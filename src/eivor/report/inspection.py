@@ -169,8 +169,7 @@ def _summary(channel: Channel) -> ChannelSummary:
     return ChannelSummary(channel, *ends, gaps)
 
 
-def inspection_json(inspection: Inspection) -> dict[str, Json]:
-    """Document of an inspection, ready for `json_text`."""
+def _json(inspection: Inspection) -> dict[str, Json]:
     log, flight, airborne = inspection.recording, inspection.flight, None
     if flight is not None:
         rule, active = inspection.active(flight)
@@ -213,10 +212,12 @@ def inspection_json(inspection: Inspection) -> dict[str, Json]:
 
 
 def pooled_json(pooled: PooledInspection) -> dict[str, Json]:
-    """Document of several logs, ready for `json_text`."""
+    """Document of a log, or of several, ready for `json_text`."""
+    if len(pooled.logs) == 1:
+        return _json(pooled.logs[0])
     return document(
         "eivor.inspect_pool/1",
-        logs=[inspection_json(log) for log in pooled.logs],
+        logs=[_json(log) for log in pooled.logs],
         findings=[] if pooled.result is None else pooled.result.findings,
         verdict=pooled.verdict,
         reasons=pooled.reasons,
@@ -227,18 +228,15 @@ def pooled_json(pooled: PooledInspection) -> dict[str, Json]:
 LISTED = 6
 
 
-def inspection_document(result: Inspection) -> doc.Document:
-    """Document of one log, with the flight card unless it is identified."""
-    card = () if result.result is None else card_section(flight_steps(result.result))
-    return _document(result, (*_sections(result), *card))
-
-
-def pooled_documents(result: PooledInspection) -> tuple[doc.Document, ...]:
-    """A document of each log, and one of all together, which has the flight card."""
-    verdict = _verdict_section(result, of=f" of the {len(result.logs)} logs together")
-    card = () if result.result is None else card_section(flight_steps(result.result))
-    together = doc.Document("", "", (verdict, *card))
-    return (*(_document(log, tuple(_sections(log))) for log in result.logs), together)
+def pooled_documents(result: PooledInspection) -> Iterator[doc.Document]:
+    """A document of each log, and one of several together; the last has the flight card, if there is one."""
+    card = () if result.result is None else tuple(card_section(flight_steps(result.result)))
+    several = len(result.logs) > 1
+    for log in result.logs:
+        yield _document(log, (*_sections(log), *(() if several else card)))
+    if several:
+        verdict = _verdict_section(result, of=f" of the {len(result.logs)} logs together")
+        yield doc.Document("", "", (verdict, *card))
 
 
 def _document(inspected: Inspection, sections: tuple[doc.Section, ...]) -> doc.Document:
@@ -248,13 +246,14 @@ def _document(inspected: Inspection, sections: tuple[doc.Section, ...]) -> doc.D
     return doc.Document(log.name, about, sections)
 
 
-def calibration_document(result: Inspection) -> doc.Document:
-    """What kinematics says of the sensors of a log."""
+def calibration_documents(result: PooledInspection) -> Iterator[doc.Document]:
+    """What kinematics says of the sensors of each log."""
     sentence = "Sensors cannot be compared: attitude and body rates, at 20 Hz or more, are not logged."
-    rows = [(row.what, *plain_numbers(row.value, row.interval), row.unit) for row in result.compatibility]
     heads = ("by kinematics alone", doc.TableColumn("value", right=True), "95 % interval", "unit")
-    part = doc.table(heads, rows) if rows else doc.Bullets((sentence,))
-    return _document(result, (doc.Section("Calibration", (part,)),))
+    for log in result.logs:
+        rows = [(row.what, *plain_numbers(row.value, row.interval), row.unit) for row in log.compatibility]
+        part = doc.table(heads, rows) if rows else doc.Bullets((sentence,))
+        yield _document(log, (doc.Section("Calibration", (part,)),))
 
 
 def _sections(result: Inspection) -> Iterator[doc.Section]:

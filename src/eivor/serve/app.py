@@ -40,7 +40,7 @@ from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.process_pool import Limits
 from eivor.report.html import SHAPES, Sources, asset, rendered, report_sources, whole_page
 from eivor.serve import jobs
-from eivor.serve.requests import RefusedError, error_parts, parse_job, refusal, sent_files
+from eivor.serve.requests import RefusedError, parse_job, refusal, sent_files
 
 #: The only address, and the header with the token.
 ADDRESS, TOKEN = "127.0.0.1", "X-Eivor-Token"
@@ -241,7 +241,8 @@ class BoundedProtocol(H11Protocol):
             self.transport.close()
 
     def _end(self, error: EivorError) -> None:
-        answer, status = _refused(error), refusal(error).status
+        answer = _refused(error)
+        status = HTTPStatus(answer.status_code)
         head = [f"HTTP/1.1 {status.value} {status.phrase}".encode()]
         head += [name + b": " + value for name, value in answer.raw_headers]
         self.transport.write(b"\r\n".join([*head, b"", bytes(answer.body)]))
@@ -299,7 +300,8 @@ def _forbidden(expected: str, received: str) -> RefusedError:
 
 
 def _refused(error: EivorError) -> Response:
-    return JSONResponse({"error": error_parts(error)}, refusal(error).status, headers=_HEADERS)
+    refused = refusal(error)
+    return JSONResponse({"error": refused.parts}, refused.status, headers=_HEADERS)
 
 
 async def _read_on(request: Request) -> None:

@@ -19,7 +19,7 @@ from urllib.parse import unquote
 
 from eivor.atomic_file import atomic_write
 from eivor.process_pool import BEGIN_S, AbandonedError, LimitError, Limits, ProgressCallback, WorkerProcess
-from eivor.serve.requests import JobRequest, RefusedError, absent, error_parts
+from eivor.serve.requests import JobRequest, RefusedError, absent
 
 #: Files of a result in the folder of its job.
 RESULT, REPORT = "result.json", "report.html"
@@ -288,7 +288,7 @@ class Job:
                 self._report = refused
                 self._change.notify_all()
             else:
-                self._add({"failed": error_parts(refused)} if refused else {"cancelled": True})
+                self._add({"failed": refused.parts} if refused else {"cancelled": True})
 
     def _add(self, event: Event) -> None:
         self._events.append(event)

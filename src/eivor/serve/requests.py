@@ -21,18 +21,14 @@ class RefusedError(EivorError):
         super().__init__(expected, received, remedy)
         self.status = status
 
+    @property
+    def parts(self) -> dict[str, str]:
+        """What was expected, what came, what to do, and all of it as a sentence."""
+        parts = {"expected": self.expected, "received": self.received, "advice": self.remedy}
+        return parts | {"sentence": str(self)}
+
     def __reduce__(self) -> tuple[Any, tuple[HTTPStatus, str, str, str]]:  # type: ignore[override]
         return type(self), (self.status, self.expected, self.received, self.remedy)
-
-
-def error_parts(error: EivorError) -> dict[str, str]:
-    """Parts of an error: what was expected, what came, what to do, and all of it as a sentence."""
-    return {
-        "expected": error.expected,
-        "received": error.received,
-        "advice": error.remedy,
-        "sentence": str(error),
-    }
 
 
 def refusal(error: EivorError) -> RefusedError:
