@@ -18,7 +18,7 @@ from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import controller_gains
 from eivor.planning import plan as planning
 from eivor.planning import vehicle as vehicles
-from eivor.planning.plan import ExpectedInterval, csv_text, levels, mavsdk_text, qgc_text, ranked_std_errors
+from eivor.planning.plan import ExpectedWidth, csv_text, levels, mavsdk_text, qgc_text, ranked_std_errors
 from eivor.planning.vehicle import ROOM, STEP_S, Shape, candidates, read_vehicle, vehicle_of_result
 from eivor.report.other_results import plan_document, plan_json
 from eivor.report.terminal import on_terminal
@@ -33,8 +33,9 @@ SHORT = ev.FlightLimits(duration_s=30.0)
 @cache
 def planned(kind):
     """A plan without its simulations: the first shape of a kind, and half-widths that were written down."""
+    both, targets = (Status.IDENTIFIED, Status.WEAK), vehicles.TARGETS
     predicted = {
-        word: ExpectedInterval(width, value, (Status.IDENTIFIED, Status.WEAK))
+        word: ExpectedWidth(targets[word].words, value, width, targets[word].unit, both)
         for word, width, value in (("friction", 0.05, 0.3), ("gain", 1.2, 100.0), ("lag", 3.0, 50.0))
     }
     shape = next(candidates(SHORT.duration_s, (kind,), 0)).within(SHORT)

@@ -182,12 +182,14 @@ SMALLER, OFTEN = 0.85, 4
 
 
 @dataclass(frozen=True, slots=True)
-class ExpectedInterval:
-    """Half-width of a 95 % interval that the flight is expected to give."""
+class ExpectedWidth:
+    """Half-width of a 95 % interval that a flight or a record is expected to give."""
 
-    half_width: float  # Median over the simulated flights, in the target's unit
+    words: str
     value: float
-    verdicts: tuple[Status, ...]
+    half_width: float  # Of a flight the median over the simulated ones
+    unit: str
+    verdicts: tuple[Status, ...] = ()  # Of the simulated flights
 
     @property
     def identified(self) -> int:
@@ -203,7 +205,7 @@ class FlightPlan:
     limits: FlightLimits  # What it keeps
     target: str  # What it should identify, a word of `TARGETS`
     shape: Shape  # The height setpoint about the middle of the limits
-    predicted: Mapping[str, ExpectedInterval]  # For each target
+    predicted: Mapping[str, ExpectedWidth]  # For each target
     #: Lowest and highest height above take-off [m] and largest speed [m/s] of the simulated flights.
     reached: tuple[float, float, float]
 
@@ -236,11 +238,11 @@ class FlightPlan:
     @property
     def sentence(self) -> str:
         """What is planned and expected, in a sentence."""
-        target, result = TARGETS[self.target], self.predicted[self.target]
+        result = self.predicted[self.target]
         flights = len(result.verdicts)
         return (
-            f"{self.limits.duration_s:g} s of {self.shape.words}: the {target.words} within ± "
-            f"{result.half_width:.2g} {target.unit}, identified in {result.identified} of {flights} "
+            f"{self.limits.duration_s:g} s of {self.shape.words}: the {result.words} within ± "
+            f"{result.half_width:.2g} {result.unit}, identified in {result.identified} of {flights} "
             f"simulated flight{'' if flights == 1 else 's'}."
         )
 
@@ -252,7 +254,7 @@ class FlightPlan:
         return "" if target.relative else f"{self.predicted[word].value:.3g}"
 
     def __repr__(self) -> str:
-        return f"<FlightPlan for the {TARGETS[self.target].words}: {self.sentence}>"
+        return f"<FlightPlan for the {self.predicted[self.target].words}: {self.sentence}>"
 
 
 def make_plan(
@@ -277,9 +279,11 @@ def make_plan(
     results = [identify_flight(item.recording) for item in best[1:]]
     values = {"friction": vehicle.viscous_friction, "gain": 1.0, "lag": vehicle.lag_s}
     predicted = {
-        word: ExpectedInterval(
-            item.scale * float(np.median([_half_width(result, word) for result in results])),
+        word: ExpectedWidth(
+            item.words,
             item.scale * values[word],
+            item.scale * float(np.median([_half_width(result, word) for result in results])),
+            item.unit,
             tuple(result.quantities[item.quantity].verdict for result in results),
         )
         for word, item in TARGETS.items()
@@ -351,16 +355,6 @@ WIDER = (1.0, 4.0)
 #: References are so many times as quick as those of the log, at most.
 BEYOND = 1.75
 ALL = "all"
-
-
-@dataclass(frozen=True, slots=True)
-class ExpectedWidth:
-    """Half-width of a 95 % interval that a record is expected to give."""
-
-    words: str
-    value: float
-    half_width: float
-    unit: str
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import json
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from eivor.errors import InputError, UsageError
 from eivor.flights.result import FlightEstimate
 from eivor.flights.track import HELD, LARGEST_SHARE, Moment, Track, relative_change
 from eivor.planning.plan import SECONDS, FlightPlan, MachinePlan, make_plan, plan_machine
-from eivor.planning.vehicle import TARGETS, FlightLimits, VehicleGuess, vehicle_of_result
+from eivor.planning.vehicle import FlightLimits, VehicleGuess, vehicle_of_result
 from eivor.report import document as doc
 from eivor.report.figure_panels import BLUE, RED, labelled, legend, page
 from eivor.report.flight_figures import flight_runs, within_band
@@ -355,35 +356,23 @@ def plan(
 
 def plan_document(made: FlightPlan | MachinePlan) -> doc.Document:
     """Document of a plan."""
-    if isinstance(made, MachinePlan):
+    if isinstance(made, FlightPlan):
+        title, facts = f"Plan for the {made.predicted[made.target].words}", _plan_facts(made)
+    else:
         limits = (
             f"{name} ± {' · '.join(f'{item:.3g}' for item in sizes)}" for name, sizes in made.limits.items()
         )
+        title = f"Plan for {made.machine.name}"
         facts = doc.Facts((("references", ", ".join(made.references)), ("limits", "; ".join(limits))))
-        widths = [
-            (item.words, f"{item.value:.3g}", f"± {item.half_width:.2g}", item.unit)
-            for item in made.predicted.values()
-        ]
-        right = (doc.TableColumn(name, right=True) for name in ("taken as", "half-width"))
-        sections = (doc.Section("", (facts, doc.table(("quantity", *right, "unit"), widths))),)
-        return doc.Document(f"Plan for {made.machine.name}", made.sentence, sections)
-    columns = (
-        "quantity",
-        doc.TableColumn("taken as", right=True),
-        doc.TableColumn("half-width", right=True, strong=True),
-        "unit",
-        "identified",
-    )
     rows = []
     for word, item in made.predicted.items():
-        target = TARGETS[word]
-        text = f"in {item.identified} of {len(item.verdicts)}"
-        rows.append((target.words, made.taken(word), f"± {item.half_width:.2g}", target.unit, text))
-    return doc.Document(
-        f"Plan for the {TARGETS[made.target].words}",
-        made.sentence,
-        (doc.Section("", (_plan_facts(made), doc.table(columns, rows))),),
-    )
+        taken = made.taken(word) if isinstance(made, FlightPlan) else f"{item.value:.3g}"
+        share = (f"in {item.identified} of {len(item.verdicts)}",) if item.verdicts else ()
+        rows.append((item.words, taken, f"± {item.half_width:.2g}", item.unit, *share))
+    number = partial(doc.TableColumn, right=True)
+    columns = ("quantity", number("taken as"), number("half-width", strong=True), "unit", "identified")
+    widths = doc.table(columns[: len(rows[0])], rows)
+    return doc.Document(title, made.sentence, (doc.Section("", (facts, widths)),))
 
 
 def _plan_facts(made: FlightPlan) -> doc.Facts:
@@ -411,24 +400,14 @@ def plan_json(made: FlightPlan | MachinePlan) -> dict[str, Json]:
     """Document of a plan of schema ``eivor.plan/1``, ready for `json_text`."""
     shape = {"kind": made.shape.kind, "words": made.shape.words}
     head = {"target": made.target, "sentence": made.sentence, "shape": shape, "limits": made.limits}
+    numbers = ("half_width", "value", "unit")
+    names = (*numbers, "verdicts") if isinstance(made, FlightPlan) else ("words", *numbers)
+    predicted = {word: {name: getattr(item, name) for name in names} for word, item in made.predicted.items()}
     if isinstance(made, MachinePlan):
-        references = list(made.references)
-        return document("eivor.plan/1", **head, predicted=made.predicted, references=references)
+        return document("eivor.plan/1", **head, predicted=predicted, references=list(made.references))
     low, high, speed = made.reached
-    return document(
-        "eivor.plan/1",
-        **head,
-        predicted={
-            word: {
-                "half_width": item.half_width,
-                "value": item.value,
-                "unit": TARGETS[word].unit,
-                "verdicts": item.verdicts,
-            }
-            for word, item in made.predicted.items()
-        },
-        simulated={"lowest_m": low, "highest_m": high, "speed": speed},
-    )
+    simulated = {"lowest_m": low, "highest_m": high, "speed": speed}
+    return document("eivor.plan/1", **head, predicted=predicted, simulated=simulated)
 
 
 TRACK_WIDTH, HEIGHT = 10.0, 4.5
