@@ -139,7 +139,7 @@ def _selected(
                 f"{channel.time_s.size} samples, {numbers} of them numbers{why}",
                 "Check the clock: stamps increase." if dropped else "Log it, or use another channel.",
             )
-    return log, selected
+    return selected.log or log, selected
 
 
 def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[str, Clock]:

@@ -182,6 +182,7 @@ class Selection:
     at_least: Mapping[str, float] = field(default_factory=dict)
     band_hz: tuple[float, float] = (0.04, 5.0)  # Band of spectral rows [Hz]
     findings: tuple[Finding, ...] = ()  # What a reader of the result should know of the choice
+    log: Recording | None = None  # What the channels are of, where the motion corrected the log
     #: The longest that the next command can be waited for [s], where the command's stamps do not show
     issued_within_s: float = math.inf
     #: The autopilot's parameter of the rate [Hz] at which commands are issued, by about a fifth

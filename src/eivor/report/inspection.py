@@ -18,7 +18,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN
 from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.compatibility import Calibration, comparisons
+from eivor.motions.rigid_body.compatibility import Calibration, comparisons, wind_table
 from eivor.report import document as doc
 from eivor.report.card import result_card
 from eivor.report.flight import card_section, flight_steps, logging_advice_for, missing_channels, spans_of
@@ -97,7 +97,8 @@ class Inspection(_Tried):
     def compatibility(self) -> tuple[Calibration, ...]:
         """Clocks, scales, biases and axes of sensors in the air, by kinematics alone."""
         spans = (self.recording.span_s,) if self.flight is None else self.active(self.flight)[1]
-        return tuple(row for item in comparisons(self.recording, spans) for row in item.table())
+        sensors = (row for item in comparisons(self.recording, spans) for row in item.table())
+        return (*sensors, *wind_table(self.recording, spans))
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -251,9 +252,14 @@ def calibration_documents(result: PooledInspection) -> Iterator[doc.Document]:
     sentence = "Sensors cannot be compared: attitude and body rates, at 20 Hz or more, are not logged."
     heads = ("by kinematics alone", doc.TableColumn("value", right=True), "95 % interval", "unit")
     for log in result.logs:
-        rows = [(row.what, *plain_numbers(row.value, row.interval), row.unit) for row in log.compatibility]
+        rows = [(row.what, *_numbers(row), row.unit) for row in log.compatibility]
         part = doc.table(heads, rows) if rows else doc.Bullets((sentence,))
         yield _document(log, (doc.Section("Calibration", (part,)),))
+
+
+def _numbers(row: Calibration) -> tuple[str, str]:
+    known = math.isfinite(row.value)
+    return plain_numbers(row.value, row.interval) if known else ("not known", NO_NUMBER)
 
 
 def _sections(result: Inspection) -> Iterator[doc.Section]:

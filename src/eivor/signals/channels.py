@@ -87,6 +87,7 @@ BUILT_IN: tuple[CanonicalChannel, ...] = (
     CanonicalChannel("rotor_command_*", "", held=True, free_unit=True),
     CanonicalChannel("rotor_speed_*", "", free_unit=True),
     CanonicalChannel("actuator_output_*", "", held=True, free_unit=True),
+    CanonicalChannel("airspeed", "m/s"),
     CanonicalChannel("battery_voltage", "V"),
     CanonicalChannel("air_density", "kg/m^3"),
     CanonicalChannel("air_temperature", "degC"),

@@ -8,12 +8,18 @@ from functools import cached_property
 
 import numpy as np
 
-from eivor.flights.grid import common_grid, on_grid
+from eivor.errors import EstimationError
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.methods import identify, least_squares
+from eivor.flights.grid import Grid, common_grid, on_grid, upward
+from eivor.flights.quantity import NAN
+from eivor.inference.covariance import EqualWeightedCosines
 from eivor.inference.distributions import t_quantile
 from eivor.logs.common import low_pass_delay_s
+from eivor.models.regression import regression
 from eivor.motions.rigid_body import dynamics
 from eivor.signals.filters import time_derivative
-from eivor.signals.recording import Channel, Recording
+from eivor.signals.recording import Channel, Frame, Recording
 from eivor.tools import Bool, Complex, Float
 
 RATES, FORCES = (
@@ -145,14 +151,31 @@ class Comparison:
 
 def comparisons(log: Recording, spans_s: Sequence[tuple[float, float]]) -> Iterator[Comparison]:
     """Gyroscope against attitude, and accelerometer against velocity, in the air; those that are logged."""
-    known = log.channels
+    log = upward(log)
     for words, needed in (
         (("gyroscope", "attitude", "rad/s"), (*RATES, *dynamics.ATTITUDE)),
         (("accelerometer", "velocity", "m/s²"), (*FORCES, *dynamics.ATTITUDE, *dynamics.VELOCITY)),
     ):
-        if all(name in known and np.isfinite(known[name].values).any() for name in needed):
-            made = _comparison(words, [known[name] for name in needed], spans_s)
-            yield from () if made is None else (made,)
+        made = (
+            _comparison(words, [log.channels[name] for name in needed], spans_s)
+            if logged(log, needed)
+            else None
+        )
+        yield from () if made is None else (made,)
+
+
+def logged(log: Recording, names: Iterable[str]) -> bool:
+    """Whether all of these have values."""
+    return all(name in log.channels and np.isfinite(log.channels[name].values).any() for name in names)
+
+
+def _together(
+    channels: Sequence[Channel], step_s: float
+) -> tuple[Grid, Float[np.ndarray, "k n"], Bool[np.ndarray, " n"]]:
+    """Channels on one grid, and where all of them stand on data."""
+    grid = common_grid(channels, channels, step_s)
+    pairs = [on_grid(channel, grid) for channel in channels]
+    return grid, np.stack([values for values, _ in pairs]), np.all([mask for _, mask in pairs], axis=0)
 
 
 def _comparison(
@@ -162,9 +185,7 @@ def _comparison(
     step_s = float(np.clip(1.0 / max(rate_hz, 1e-9), LEAST_STEP_S, LONGEST_STEP_S))
     if not rate_hz > 3.0 * BAND_HZ[1]:
         return None
-    grid = common_grid(channels, channels, step_s)
-    pairs = [on_grid(channel, grid) for channel in channels]
-    series, good = np.stack([values for values, _ in pairs]), np.all([mask for _, mask in pairs], axis=0)
+    grid, series, good = _together(channels, step_s)
     measured, attitude, others = series[:3], series[3:7], series[7:]
     attitude = dynamics.continuous(attitude)
     size = np.sqrt((attitude**2).sum(axis=0))
@@ -213,3 +234,88 @@ def with_one_clock(
         "gyroscope: attitude, velocity and position are put on its clock."
     )
     return replace(log, channels=channels), (sentence,)
+
+
+# -- Wind --
+
+#: A tube measures air from ahead: so fast [m/s], and within 30 degrees of the body's x.
+AIRSPEED, LEAST_AHEAD, WITHIN = "airspeed", 3.0, 0.87
+#: Step of the comparison, and the least time of such air [s]; times that it is chosen by the last estimate.
+WIND_STEP_S, LEAST_AIR_S, CHOSEN = 0.1, 10.0, 4
+#: Standard deviation of the nose's direction from which errors of the attitude matter little [rad].
+LEAST_TURN = 0.2
+#: Of gusts a flight holds few independent ones: so many cosine averages.
+AVERAGES = 4
+#: A wind whose interval reaches further to either side is not known [m/s].
+KNOWN_WITHIN = 3.0
+WIND, SCALE = ("wind_x", "wind_y"), "scale"
+MEASURED_AIR = (*dynamics.ATTITUDE, *dynamics.VELOCITY, AIRSPEED)
+
+
+def wind_of(log: Recording, spans_s: Iterable[tuple[float, float]]) -> Estimate | None:
+    """Wind of a log, z up, by airspeed = scale (velocity less wind) along the nose; None if not known."""
+    if not logged(log, MEASURED_AIR):
+        return None
+    grid, series, good = _together([log.channels[name] for name in MEASURED_AIR], WIND_STEP_S)
+    nose = np.stack([row[0] for row in dynamics.rotation(*dynamics.continuous(series[:4]))])
+    velocity, measured, time_s = series[4:7], series[7], grid.time_s
+    good &= np.any([(time_s >= low) & (time_s <= high) for low, high in spans_s], axis=0)
+    scale, wind, kept, estimate = 1.0, np.zeros(3), good & (measured > LEAST_AHEAD), None
+    for _ in range(CHOSEN):
+        # by changes from the last estimate, so that the wind is a parameter
+        ahead = (nose * (velocity - wind[:, None])).sum(axis=0)
+        columns, left = np.stack([*(-scale * nose[:2]), ahead]), measured - scale * wind @ nose
+        turned = np.linalg.norm(nose[:2, kept].std(axis=1)) if kept.any() else 0.0
+        if kept.sum() * grid.step_s < LEAST_AIR_S or turned < LEAST_TURN:
+            return None
+        try:
+            rows = regression(left[kept], columns[:, kept].T, names=(*WIND, SCALE))
+            estimate = identify(rows, least_squares()).with_covariance(EqualWeightedCosines(AVERAGES))
+        except EstimationError:  # the nose points nowhere else
+            return None
+        wind[:2], scale = estimate.theta[:2], float(estimate.theta[2])
+        air = velocity - wind[:, None]
+        kept = good & (
+            (nose * air).sum(axis=0) > np.maximum(LEAST_AHEAD, WITHIN * np.linalg.norm(air, axis=0))
+        )
+    widest = max(high - low for low, high in map(estimate.interval, WIND)) if estimate else np.inf
+    return estimate if widest <= 2.0 * KNOWN_WITHIN else None
+
+
+def wind_table(log: Recording, spans_s: Sequence[tuple[float, float]]) -> Iterator[Calibration]:
+    """Wind, towards which the air moves, and the sensor's scale; NaN of what is not known."""
+    if not logged(log, MEASURED_AIR):
+        return
+    known, down = wind_of(upward(log), spans_s), log.frame is Frame.NED
+    # where z is down, x points north, and y, which is turned up, to the west
+    east, north = ((WIND[1], -1.0), (WIND[0], 1.0)) if down else ((WIND[0], 1.0), (WIND[1], 1.0))
+    for what, (name, sign), unit in (
+        ("wind to the east", east, "m/s"),
+        ("wind to the north", north, "m/s"),
+        ("airspeed, scale", (SCALE, 1.0), ""),
+    ):
+        value, low, high = NAN, NAN, NAN
+        if known is not None:
+            value = sign * known.parameters[name]
+            low, high = sorted(sign * end for end in known.interval(name))
+        yield Calibration(what, value, (low, high), unit)
+
+
+def in_still_air(log: Recording, spans_s: Sequence[tuple[float, float]]) -> tuple[Recording, tuple[str, ...]]:
+    """A log, z up, whose world moves with the wind, where airspeed determines it."""
+    if not logged(log, MEASURED_AIR):
+        return log, ()
+    known = wind_of(log, spans_s)
+    if known is None:
+        return log, (
+            "The airspeed does not determine the wind, since the vehicle hardly turned: air is at rest.",
+        )
+    channels = dict(log.channels)
+    for stem, power in (("velocity", 0), ("position", 1)):
+        for axis, along in zip("xy", known.theta, strict=False):
+            item = channels.get(f"{stem}_{axis}")
+            if item is not None:
+                channels[item.name] = replace(item, values=item.values - along * item.time_s**power)
+    speed = float(np.hypot(*known.theta[:2]))
+    text = f"A wind of {speed:.2g} m/s, by the airspeed, is taken out of velocity and position."
+    return replace(log, channels=channels), (text,)

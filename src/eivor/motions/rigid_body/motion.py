@@ -22,7 +22,7 @@ from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, Warm
 from eivor.motions.equation import simple_models
 from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, rate_panel, rates_std, refuse_degrees
 from eivor.motions.rigid_body import verdict
-from eivor.motions.rigid_body.compatibility import comparisons, with_one_clock
+from eivor.motions.rigid_body.compatibility import comparisons, in_still_air, with_one_clock
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
@@ -142,7 +142,9 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     """Channels of a log by role."""
     log, stamp_findings = with_corrected_stamps(log)
     check_vehicle(log, options)
-    log, off = with_one_clock(log, comparisons(log, (options.window or log.span_s,)), vehicle.gyro_cutoff_hz)
+    spans_s = (options.window or log.span_s,)
+    log, off = with_one_clock(log, comparisons(log, spans_s), vehicle.gyro_cutoff_hz)
+    log, wind = in_still_air(log, spans_s)
     remedy = "Log the rotor commands or speeds at 100 Hz or more"
     family, commands = chosen_input(log, INPUTS, options.input, remedy=remedy)
     family = replace(family, input_map=vehicle.thrust_map)
@@ -172,8 +174,10 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
         findings=(
             *stamp_findings,
             *(Finding("clocks_apart", text) for text in off),
+            *(Finding("wind", text) for text in wind),
             *_findings(forces, moving),
         ),
+        log=log,
         issued_within_s=step_s,
         rate_parameter=RATE_PARAMETER,
         step_s=float(np.clip(step_s, SHORTEST_STEP_S, LONGEST_STEP_S)),
@@ -450,7 +454,8 @@ class RigidBody(motion.Motion[LaggedRuns]):
         lags, filters = verdict.lag_consistency_test(estimate), None
         if not (self.pooled and len(flights) == 1):  # the whole pool is asked about filters, not its flights
             filters = verdict.filters_not_passed(problem, estimate, flights, self.known_vehicle)
-        return verdict.RigidBodyChecks(None, wind, lags, filters, early_s)
+        by_wind = verdict.half_widths_by_wind(problem, estimate, flights, self.known_vehicle)
+        return verdict.RigidBodyChecks(None, wind, lags, filters, early_s, by_wind)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]

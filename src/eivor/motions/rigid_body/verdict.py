@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations, permutations
 from operator import attrgetter
 
@@ -17,6 +17,7 @@ from eivor.flights import verdict
 from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SimpleModel
+from eivor.inference.confidence_set import principal_axes
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.random_effects import homogeneity_p_value
 from eivor.inference.verdict import Cause, Status
@@ -25,6 +26,8 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, STAGES, AxisColumns, L
 from eivor.models.regression import Parameter
 from eivor.models.separable import NoInstruments, Values, WarmStart
 from eivor.motions.rates.motion import AXES
+from eivor.motions.rigid_body.compatibility import wind_of
+from eivor.motions.rigid_body.dynamics import VELOCITY
 from eivor.motions.rigid_body.physical_parameters import Combinations
 from eivor.motions.rigid_body.regression import (
     AT_HOVER,
@@ -41,6 +44,7 @@ from eivor.motions.rigid_body.regression import (
     QUADRATIC_DRAG,
     REACTION,
     ROLL_EQUATION,
+    TERMS,
     THRUST,
     YAW_EQUATION,
     RotorColumns,
@@ -232,6 +236,19 @@ def contradicting_filters(with_all: float, without: Mapping[str, float]) -> Cont
     )
 
 
+def _remade(
+    problem: LaggedRuns,
+    columns: Sequence[AxisColumns],
+    flights: Sequence[PreparedFlight],
+    vehicle: KnownVehicle,
+) -> tuple[AxisColumns, ...]:
+    """Columns made anew of other flights or another vehicle, with the instruments and bands of a problem."""
+    made, spin = rigid_body_problem(tuple(flights), vehicle, NoInstruments()), rotor_inertia_ratios(problem)
+    made = made if spin is None else with_common_rotor_inertia(made, spin)
+    pairs = zip(made.columns, columns, strict=True)
+    return tuple(replace(new, instruments=old.instruments, band_hz=old.band_hz) for new, old in pairs)
+
+
 def filters_not_passed(
     problem: LaggedRuns, estimate: Estimate, flights: Sequence[PreparedFlight], vehicle: KnownVehicle
 ) -> Contradiction | None:
@@ -244,7 +261,6 @@ def filters_not_passed(
         return None
     number = max(range(len(flights)), key=lambda item: flights[item].used_s)
     of_flight = tuple(column for column in problem.columns if column.flight == number)
-    spin = rotor_inertia_ratios(problem)
 
     def disagreement(columns: Sequence[AxisColumns]) -> float:
         """J of the references; infinite where nothing can be identified."""
@@ -262,10 +278,7 @@ def filters_not_passed(
     for key in named:
         # for a vehicle without one of its filters; instruments and nuisances stay
         unfiltered: KnownVehicle = replace(vehicle, **{key: None})  # type: ignore[arg-type]
-        made = rigid_body_problem((flights[number],), unfiltered, NoInstruments())
-        made = made if spin is None else with_common_rotor_inertia(made, spin)
-        pairs = zip(made.columns, of_flight, strict=True)
-        without[key] = disagreement([replace(new, instruments=old.instruments) for new, old in pairs])
+        without[key] = disagreement(_remade(problem, of_flight, flights[number : number + 1], unfiltered))
     without = {key: J for key, J in without.items() if FAR_BETTER * with_all > J}
     return contradicting_filters(with_all, without) if without else None
 
@@ -504,6 +517,29 @@ def _of_flight(
     return (x, y) if math.hypot(x, y) >= LEAST_SPEED else None
 
 
+def half_widths_by_wind(
+    problem: LaggedRuns, estimate: Estimate, flights: Sequence[PreparedFlight], vehicle: KnownVehicle
+) -> dict[str, float]:
+    """What the errors of winds that were taken out are to each parameter, at the lag of the estimate."""
+    at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
+
+    def by(flying: Sequence[PreparedFlight]) -> Float[np.ndarray, " k"]:
+        columns = _remade(problem, problem.columns, flying, vehicle)
+        runs = replace(problem, columns=columns, nuisances=at, warm_start=None)
+        return identify(runs, by_name(estimate.method)).theta
+
+    changes = []
+    for number, flight in enumerate(flights):
+        wind, logged = wind_of(flight.recording, [flight.span_s]), flight.signals.channels
+        for part in () if wind is None else wind.joint_covariance.parts:
+            for axis in principal_axes(part.matrix[:2, :2], part.half_widths(0.95)).T:
+                moved = {name: logged[name] + speed for name, speed in zip(VELOCITY, axis, strict=False)}
+                other = replace(flight, signals=replace(flight.signals, channels={**logged, **moved}))
+                changes.append(by([*flights[:number], other, *flights[number + 1 :]]) - by(flights))
+    halves = np.sqrt(np.square(changes).sum(axis=0)).tolist() if changes else ()
+    return dict(zip(estimate.names, halves, strict=False))
+
+
 @dataclass(frozen=True, slots=True)
 class RigidBodyChecks(verdict.MotionChecks):
     """Where a flight contradicts the vehicle file, its own axes or calm air; None where it does not."""
@@ -513,6 +549,7 @@ class RigidBodyChecks(verdict.MotionChecks):
     lags: Contradiction | None = None
     filters: Contradiction | None = None
     filter_early_s: float = 0.0  # By what the gyroscope's filter may be less late than it is taken to be [s]
+    by_wind: Mapping[str, float] = field(default_factory=dict)  # Half-widths by the errors of winds
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -560,6 +597,12 @@ PARTS = (
         Counts.ADDED,
         lambda inputs, _: (0.0, inputs.checks.filter_early_s if _early(inputs) else 0.0),
         lambda inputs: f"{_FILTERED}the lag may be {1e3 * inputs.checks.filter_early_s:.2g} ms longer.",
+    ),
+    verdict.SystematicPart(
+        tuple(term.parameter.name for term in TERMS),
+        Counts.INDEPENDENT,
+        lambda inputs, name: inputs.checks.by_wind.get(name, 0.0),
+        "The wind by the airspeed has an error of its own.",
     ),
     verdict.SystematicPart(
         tuple(item.name for item in GAIN),
