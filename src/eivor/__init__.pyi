@@ -3,11 +3,11 @@ from eivor import fleet as fleet
 from eivor import methods as methods
 from eivor.errors import WeakInstrumentsWarning as WeakInstrumentsWarning
 from eivor.estimation.bootstrap import bootstrap as bootstrap
-from eivor.estimation.derived import derived as derived
-from eivor.estimation.derived import ratio as ratio
 from eivor.estimation.diagnose import Diagnostics as Diagnostics
 from eivor.estimation.diagnose import diagnose as diagnose
 from eivor.estimation.estimate import Estimate as Estimate
+from eivor.estimation.estimate import derived as derived
+from eivor.estimation.estimate import ratio as ratio
 from eivor.estimation.methods import identify as identify
 from eivor.estimation.methods import iv as iv
 from eivor.estimation.recursive import ChangeDetector as ChangeDetector

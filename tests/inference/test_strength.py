@@ -27,7 +27,7 @@ from eivor.inference.diagnostics.record import (
     joint_averages,
     orthonormal_basis,
 )
-from eivor.inference.products import block_edges, products_of_rows
+from eivor.inference.estimating_equation import block_edges, products_of_rows
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.signals.noise import fractional_difference
 from inference import instrument_data as data

@@ -443,13 +443,6 @@ def test_windows_are_cut_to_the_span_or_refused(window):
             interval_within(window, span)
 
 
-def test_a_record_without_a_mask_is_one_run_unless_it_is_too_short():
-    signals = ev.Signals(2.0, {"input": np.zeros(5)})
-    assert signals.runs() == [slice(0, 5)]
-    assert signals.runs(2.5) == [slice(0, 5)]
-    assert signals.runs(2.6) == []
-
-
 def test_errors_survive_other_processes_and_copies():
     error = MissingChannelError("the channel 'a'", "a log without it", "Log it.")
     for again in (pickle.loads(pickle.dumps(error)), copy.deepcopy(error)):  # noqa: S301 - our own bytes

@@ -19,7 +19,7 @@ from eivor.estimation.moments import CrossMoments, Instrumental, Moments, Triang
 from eivor.estimation.variable_projection import Nodes, argmin, nodes_of
 from eivor.estimation.weighting import SpectralWhitening, divided, whitened_by_residuals
 from eivor.inference.distributions import normal_quantile, t_quantile
-from eivor.inference.products import Products, products_of_rows
+from eivor.inference.estimating_equation import Products, products_of_rows
 from eivor.linalg.system import LinearSystem, Solver, triangular_root
 from eivor.models.regression import LinearProblem, Parameter, Regression, SampleRows
 from eivor.models.separable import Prior, SeparableProblem, Values

@@ -19,7 +19,7 @@ from eivor.estimation.moments import Compensated, CrossMoments, Instrumental, bl
 from eivor.estimation.weighting import TwoStage
 from eivor.inference.diagnostics import excitation, instruments, residuals
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, Diagnostic, EquationProducts, Subject
-from eivor.inference.products import Products, block_edges, products_of_rows
+from eivor.inference.estimating_equation import Products, block_edges, products_of_rows
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import MULTIPLIED_ROWS, row_blocks
 from eivor.linalg.total_least_squares import LeastSquares

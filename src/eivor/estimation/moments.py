@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import as_strided
 from eivor.errors import CovarianceError, InstrumentError, NonFiniteError, TooFewSamplesError, UsageError
 from eivor.inference.covariance import unit_scale
 from eivor.inference.diagnostics.residuals import GROUPS
-from eivor.inference.products import Products, block_edges, products_of_rows
+from eivor.inference.estimating_equation import Products, block_edges, products_of_rows
 from eivor.linalg.system import (
     MULTIPLIED_ROWS,
     LinearSystem,

@@ -22,7 +22,7 @@ from eivor.inference.covariance import (
     JointCovariance,
     check_covariance_estimator,
 )
-from eivor.inference.products import Products
+from eivor.inference.estimating_equation import Products
 from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.models.regression import Column, RowBlock, check_columns
 from eivor.models.signal_regression import SignalModel, SignalRegression, shared_noise_of_rows

@@ -9,8 +9,7 @@ from math import hypot, sqrt
 import numpy as np
 
 from eivor.errors import EstimationError
-from eivor.estimation.derived import ratio
-from eivor.estimation.estimate import Estimate
+from eivor.estimation.estimate import Estimate, ratio
 from eivor.estimation.methods import identify, least_squares
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, Kind, QuantityEstimate, QuantitySpec

@@ -1,14 +1,16 @@
-"""Estimating equations at a solution."""
+"""Estimating equations at a solution, and products of residuals and instruments there."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
-from eivor.errors import CollinearError
+from eivor.errors import CollinearError, UsageError
+from eivor.linalg.system import MULTIPLIED_ROWS, row_blocks
 from eivor.tools import Float, Int
 
 
@@ -87,3 +89,133 @@ def singular_sensitivity() -> CollinearError:
         "equations that one of them, or a combination of them, hardly enters",
         "Give data in which response and regressors move, each in its own way.",
     )
+
+
+#: Blocks shorter than this many rows are multiplied many at once, and so many numbers are held at a time.
+SHORT_BLOCK = 64
+CHUNK_PRODUCTS = 4_000_000
+
+
+@dataclass(frozen=True)
+class Products:
+    """Sums of products of [psi phi y] over successive blocks of rows."""
+
+    counts: Float[np.ndarray, " K"]  # Rows in each block
+    sums: Float[np.ndarray, "K left right"]
+    tested: int  # Number of instruments psi
+
+    @property
+    def equations(self) -> Float[np.ndarray, "K p n_plus_1"]:
+        """Psi [phi' y] of each block."""
+        return self.sums[:, : self.tested, self.tested :]
+
+    @property
+    def cross(self) -> Float[np.ndarray, "K p n"]:
+        """Psi phi' of each block."""
+        return self.equations[:, :, :-1]
+
+    @property
+    def instrument_response(self) -> Float[np.ndarray, "K p"]:
+        """Psi y of each block; psi e at an estimate."""
+        return self.equations[:, :, -1]
+
+    @property
+    def instruments(self) -> Float[np.ndarray, "K p p"]:
+        """Psi psi' of each block."""
+        return self.sums[:, : self.tested, : self.tested]
+
+    @property
+    def columns(self) -> Float[np.ndarray, "K n_plus_1 n_plus_1"]:
+        """[phi y] [phi' y] of each block."""
+        return self.sums[:, self.tested :, self.tested :]
+
+    @property
+    def regressors(self) -> Float[np.ndarray, "K n n"]:
+        """Phi phi' of each block."""
+        return self.columns[:, :-1, :-1]
+
+    @property
+    def regressor_response(self) -> Float[np.ndarray, "K n"]:
+        """Phi y of each block; phi e at an estimate."""
+        return self.columns[:, :-1, -1]
+
+    @property
+    def power(self) -> Float[np.ndarray, " K"]:
+        """y^2 of each block; e^2 at an estimate."""
+        return self.columns[:, -1, -1]
+
+    @property
+    def count(self) -> float:
+        """Rows in all blocks."""
+        return float(self.counts.sum())
+
+    @property
+    def total(self) -> Products:
+        """One block with all rows."""
+        return replace(self, counts=self.counts.sum(keepdims=True), sums=self.sums.sum(axis=0, keepdims=True))
+
+    def __add__(self, other: Products) -> Products:
+        """Blocks of both, one after the other."""
+        sizes = [(item.tested, *item.sums.shape[1:]) for item in (self, other)]
+        if sizes[0] != sizes[1]:
+            expected, received = (f"products of {p} instruments, {m} by {n}" for p, m, n in sizes)
+            raise UsageError(expected, received, "Add the products of one problem.")
+        counts, sums = np.concatenate([self.counts, other.counts]), np.concatenate([self.sums, other.sums])
+        return replace(self, counts=counts, sums=sums)
+
+    def resampled(self, blocks: Int[np.ndarray, " k"]) -> Products:
+        """One block, with the rows of the blocks that were drawn, each as often as it was."""
+        return self.weighted(np.bincount(blocks, minlength=self.counts.size).astype(np.float64))
+
+    def weighted(self, weights: Float[np.ndarray, " F"]) -> Products:
+        """Sum of stretches of successive blocks, in which each stretch counts as often as its weight says."""
+        counts = np.tensordot(weights, self.counts.reshape(weights.size, -1), 1)
+        sums = np.tensordot(weights, self.sums.reshape(weights.size, -1, *self.sums.shape[1:]), 1)
+        return replace(self, counts=counts, sums=sums)
+
+    def with_residual(self, theta: Float[np.ndarray, " n"]) -> Products:
+        """The same with the residual y - Phi theta in the response's place."""
+        turned = np.eye(self.sums.shape[2])
+        turned[-1 - theta.size : -1, -1] = -theta
+        return replace(self, sums=turned.T @ self.sums @ turned)
+
+
+def block_edges(rows: int, blocks: int) -> Int[np.ndarray, " blocks_plus_1"]:
+    """First row of each of `blocks` blocks that differ by one row at most, and the end."""
+    return np.asarray((np.arange(blocks + 1) * rows) // blocks)
+
+
+def products_of_rows(
+    instruments: Float[np.ndarray, "rows p"],
+    regressors: Float[np.ndarray, "rows n"],
+    response: Float[np.ndarray, " rows"],
+    *,
+    edges: Int[np.ndarray, " K_plus_1"],
+) -> Products:
+    """Products of rows in arrays. Performs no checks."""
+    p, parts, counts = instruments.shape[1], (instruments, regressors, response[:, None]), np.diff(edges)
+    width = p + regressors.shape[1] + 1
+    sums = np.zeros((counts.size, width, width))
+    if counts.size and counts.mean() < SHORT_BLOCK:
+        _sum_short_blocks(np.column_stack(parts), edges, sums)
+        return Products(counts.astype(np.float64), sums, p)
+    for k, ends in enumerate(pairwise(edges.tolist())):
+        for stretch in row_blocks(*ends, MULTIPLIED_ROWS):
+            columns = np.column_stack([part[slice(*stretch)] for part in parts])
+            sums[k] += columns.T @ columns
+    return Products(counts.astype(np.float64), sums, p)
+
+
+def _sum_short_blocks(
+    columns: Float[np.ndarray, "rows m"],
+    edges: Int[np.ndarray, " K_plus_1"],
+    sums: Float[np.ndarray, "K m m"],
+) -> None:
+    """Fill sums of many short blocks, each of at least one row."""
+    blocks, rows = sums.shape[0], int(edges[-1] - edges[0])
+    step = max(1, int(CHUNK_PRODUCTS * blocks / max(columns.shape[1] ** 2 * rows, 1)))
+    for first in range(0, blocks, step):
+        last = min(first + step, blocks)
+        here = columns[edges[first] : edges[last]]
+        products = here[:, :, None] * here[:, None, :]
+        sums[first:last] = np.add.reduceat(products, edges[first:last] - edges[first], axis=0)

@@ -17,7 +17,7 @@ from eivor import checks
 from eivor.errors import ShapeError, UsageError
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.distributions import chi_square_quantile
-from eivor.tools import Bool, Float
+from eivor.tools import Float
 
 Point = Float[np.ndarray, " n_plus_1"]
 
@@ -252,10 +252,6 @@ def _polygons(slices: list[tuple[float, ConfidenceSet]]) -> list[np.ndarray]:
     return polygons
 
 
-#: Largest magnitude of a correlation that still spans an ellipse in numbers.
-FULL_CORRELATION = 1.0 - 1e-15
-
-
 @dataclass(frozen=True)
 class Ellipse:
     """Confidence ellipse of a pair.
@@ -305,12 +301,6 @@ class Ellipse:
         return min(max(float(self.covariance[0, 1]) / shared, -1.0), 1.0) if shared > 0.0 else 0.0
 
     @property
-    def bounds(self) -> Float[np.ndarray, "2 2"]:
-        """Lowest and highest value (columns) of each of the pair (rows) on the ellipse."""
-        reach = math.sqrt(self.squared_radius) * self.std_errors
-        return np.column_stack([self.centre - reach, self.centre + reach])
-
-    @property
     def area(self) -> float:
         """Area, in the product of the two units."""
         shape = math.sqrt(max(1.0 - self.correlation**2, 0.0))
@@ -324,22 +314,6 @@ class Ellipse:
         along, across = np.sqrt(0.5 * (1.0 + r)) * np.cos(angle), np.sqrt(0.5 * (1.0 - r)) * np.sin(angle)
         unit = np.column_stack([along - across, along + across])
         return np.asarray(self.centre + math.sqrt(self.squared_radius) * unit * self.std_errors)
-
-    def distance(self, points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
-        """Squared distance (p - c)' C^-1 (p - c) of each point; infinite off a degenerate ellipse."""
-        errors, r = self.std_errors, self.correlation
-        away = points - self.centre
-        z = np.divide(away, errors, out=np.where(away == 0.0, 0.0, np.inf), where=errors > 0.0)
-        if abs(r) > FULL_CORRELATION:
-            on_line = np.isclose(z[:, 0], math.copysign(1.0, r) * z[:, 1], rtol=1e-9, atol=1e-9)
-            return np.where(on_line, z[:, 0] ** 2, np.inf)
-        squared: Float[np.ndarray, " k"] = np.square(z[:, 0])
-        rest = z[:, 1] - r * z[:, 0] if r else z[:, 1]
-        return squared + np.square(rest) / (1.0 - r * r)
-
-    def contains(self, points: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
-        """Which points lie inside or on the ellipse."""
-        return self.distance(points) <= self.squared_radius * (1.0 + 1e-12)
 
 
 def hotelling_quantile(level: float, dimension: int, degrees: float = math.inf) -> float:

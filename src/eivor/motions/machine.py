@@ -12,8 +12,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
-from eivor.estimation.derived import derived_from
-from eivor.estimation.estimate import Estimate
+from eivor.estimation.estimate import Estimate, derived_from
 from eivor.flights import verdict
 from eivor.flights.grid import Active, Grid, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES, LEVEL, ratio_quantity

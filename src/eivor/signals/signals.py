@@ -110,11 +110,6 @@ class Signals:
             return np.empty((self.sample_count, 0))
         return np.stack([self.channels[member] for member in members], axis=1)
 
-    def runs(self, at_least_s: float = 0.0) -> list[slice]:
-        """Contiguous stretches of valid samples, each at least `at_least_s` long."""
-        valid = np.ones(self.sample_count, dtype=np.bool_) if self.valid is None else self.valid
-        return [run for run in stretches(valid) if (run.stop - run.start) * self.step_s >= at_least_s]
-
 
 def stretches(mask: Bool[np.ndarray, " n"]) -> list[slice]:
     """Contiguous stretches of true samples, in order. Performs no checks."""

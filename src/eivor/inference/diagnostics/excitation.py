@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.inference.diagnostics.record import SIGNIFICANT, Diagnostic, EquationProducts, Row, Subject
-from eivor.inference.products import block_edges
+from eivor.inference.estimating_equation import block_edges
 from eivor.inference.verdict import Reason, Status
 from eivor.tools import Float
 

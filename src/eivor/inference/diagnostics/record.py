@@ -12,7 +12,7 @@ import scipy
 
 from eivor.inference.covariance import cosine_averages, unit_scale
 from eivor.inference.distributions import chi_square_tail
-from eivor.inference.products import Products
+from eivor.inference.estimating_equation import Products
 from eivor.inference.verdict import Reason
 from eivor.tools import Float
 

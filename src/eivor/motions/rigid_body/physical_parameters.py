@@ -10,8 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from eivor.estimation.derived import LARGEST_BEND, DerivedQuantity, OfVector, derived_from
-from eivor.estimation.estimate import Estimate
+from eivor.estimation.estimate import LARGEST_BEND, DerivedQuantity, Estimate, OfVector, derived_from
 from eivor.flights.quantity import Implied
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.inference.verdict import Status
