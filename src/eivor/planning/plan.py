@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
+from itertools import chain
 
 import msgspec
 import numpy as np
@@ -434,7 +435,9 @@ def plan_machine(
         allowed[name] = (*sizes, *allowed.get(name, ())[len(sizes) :])
     counted, least = machine.activity.counted, math.inf
     best: tuple[Shape, dict[str, Float[np.ndarray, " n"]], dict[str, float]] | None = None
-    for shapes in _candidates(len(answers.references), seconds, (shape or KINDS[0],), seed):
+    seeds, kinds = range(seed, seed + len(answers.references)), (shape or KINDS[0],)
+    by_pace = (zip(*(candidates(seconds, kinds, k, pace) for k in seeds), strict=True) for pace in PACES)
+    for shapes in chain.from_iterable(by_pace):
         moves = _within(answers, shapes, allowed)
         ends = answers.highest_hz.items()
         if any(faster(moves[name], answers.step_s, BEYOND * high) > 2.0 * SLOW for name, high in ends):
@@ -459,11 +462,6 @@ def plan_machine(
         name: answers.levels[name] + _between(answers.step_s, series, every) for name, series in moves.items()
     }
     return MachinePlan(machine, target, chosen, setpoints, allowed, predicted)
-
-
-def _candidates(count: int, seconds: float, kinds: tuple[str, ...], seed: int) -> Iterator[tuple[Shape, ...]]:
-    for pace in PACES:
-        yield from zip(*(candidates(seconds, kinds, seed + k, pace) for k in range(count)), strict=True)
 
 
 def _within(

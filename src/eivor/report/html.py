@@ -109,23 +109,19 @@ def report_sources() -> Sources:
 
 def whole_page(title: str, body: Markup, data: Mapping[str, object], sources: Sources | None = None) -> str:
     """Text of a page; its data are JSON in elements that no browser runs."""
-    made_of = sources or report_sources()
+    made_of, compact = sources or report_sources(), (",", ":")
+    # JSON in ASCII, without a character that HTML has a use for
+    texts = {name: json.dumps(item, allow_nan=False, separators=compact) for name, item in data.items()}
     page = rendered(
         "page.html",
         title=title,
         policy=made_of.policy,
         style=Markup(made_of.style),  # noqa: S704 - the package's own files
         script=Markup(made_of.script),  # noqa: S704
-        data={name: _embedded(item) for name, item in data.items()},
+        data={name: Markup(text.translate(UNSAFE)) for name, text in texts.items()},  # noqa: S704
         body=body,
     )
     return f"{page}\n"
-
-
-def _embedded(value: object) -> Markup:
-    """JSON in ASCII, without a character that HTML has a use for."""
-    text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return Markup(text.translate(UNSAFE))  # noqa: S704 - nothing in it is markup
 
 
 def _hash(source: str) -> str:
