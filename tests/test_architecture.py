@@ -31,17 +31,17 @@ BOUNDS = {
     "files in circles of imports": 0,
     "imports of the package inside functions": 0,
     "imports of the package for type checking only": 0,
-    "files": 208,
-    "lines": 67_398,  # To be 64,000 again
-    "lines of code without docstrings and imports": 45_062,  # And 41,000
+    "files": 200,
+    "lines": 66_712,  # To be 64,000 again
+    "lines of code without docstrings and imports": 44_782,  # And 41,000
     "files of fewer than 60 lines": 2,
     "files of more than 900 lines": 0,
-    "files in the largest folder": 22,
+    "files in the largest folder": 19,
     "the words told and tells": 0,
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 35_978}
+PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 35_963}
 
 
 def lint_imports(source):
