@@ -212,7 +212,6 @@ def _instead(name: str, plain: Estimate, why: str) -> Estimate:
 
 
 def _squared_distance(estimate: Estimate, other: Estimate) -> float:
-    """Squared distance of the linear parameters of two estimates."""
     count = estimate.theta.size
     between = estimate.theta - other.theta
     spread = estimate.covariance[:count, :count] + other.covariance[:count, :count]

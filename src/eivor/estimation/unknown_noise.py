@@ -148,7 +148,6 @@ class SharedMoments:
         return np.asarray(fitted.reshape(made.shape))
 
     def _shared(self, noise: Mapping[str, MeasurementNoise]) -> Float[np.ndarray, "p n_plus_1"]:
-        """What noises add, all other channels being exact."""
         problem = self.problem
         exact = dict.fromkeys(problem.signals.channels, WhiteNoise(0.0))
         signals = replace(problem.signals, noise={**exact, **noise})

@@ -172,7 +172,6 @@ def _lowest(table: Float[np.ndarray, "*grid"], count: int) -> list[int]:
 
 
 def _apart(point: Point, other: Point, grids: list[Float[np.ndarray, " _"]]) -> bool:
-    """Whether two points are more than a step of a grid from one another."""
     pairs = zip(grids, point, other, strict=True)
     return any(abs(int(np.searchsorted(grid, a) - np.searchsorted(grid, b))) > 1 for grid, a, b in pairs)
 

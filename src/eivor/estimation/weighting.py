@@ -235,7 +235,6 @@ class WhitenedRows(WeightedRows):
 
     @cached_property
     def _at_nodes(self) -> Float[np.ndarray, "nodes p n_plus_1"]:
-        """The same where columns are interpolated from."""
         between = self.problem.interpolation
         return self._products([] if between is None else between.points)
 
@@ -247,7 +246,6 @@ class WhitenedRows(WeightedRows):
     def _of_run(
         points: int, functions: np.ndarray, known: np.ndarray, at: np.ndarray, j: np.ndarray, X: np.ndarray
     ) -> Float[np.ndarray, "points q n_plus_1"]:
-        """Q' [phi y] of a run."""
         E = np.zeros((points, functions.shape[1], at[-1] + 1))
         E[:, :, at] = functions.T @ known.T
         E[:, :, j] = (X @ functions).transpose(0, 2, 1)

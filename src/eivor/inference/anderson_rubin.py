@@ -169,7 +169,6 @@ def homoskedastic_region(
 
 
 def _to_frame(frame: RegionFrame) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-    """Matrix that takes (1; scaled theta) to (1; -theta)."""
     n = frame.pivot.size
     change = np.zeros((n + 1, n + 1))
     change[0, 0] = 1.0
@@ -329,7 +328,6 @@ class SignPerturbedShape(RegionShape):
 
     @cached_property
     def _largest(self) -> float:
-        """Largest squared length of a sum's columns."""
         return float(np.einsum("ipa,ipa->ia", self.sums, self.sums).max())
 
     def excess(self, points: Points) -> PerPoint:

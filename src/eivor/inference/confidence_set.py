@@ -171,7 +171,6 @@ def _roots(a: float, b: float, c: float) -> tuple[float, float] | None:
 
 
 def _nearest(value: Fraction) -> float:
-    """Nearest number, infinite when it is out of range."""
     try:
         return float(value)
     except OverflowError:

@@ -237,7 +237,6 @@ def _end(meets: Callable[[float], bool], low: float, high: float, inside_low: bo
 
 
 def _cut(confidence_set: ConfidenceSet, window: tuple[float, float]) -> ConfidenceSet:
-    """Part of a set within a window."""
     cut = ((max(low, window[0]), min(high, window[1])) for low, high in confidence_set.intervals)
     return ConfidenceSet.union((low, high) for low, high in cut if low <= high)
 

@@ -213,7 +213,6 @@ def residual_weight(theta: Vector, S: Covariance) -> float:
 
 
 def _smallest(root: Float[np.ndarray, "k q_plus_1"], unknowns: int) -> float:
-    """sigma_min([A b]), which must lie below sigma_min(A)."""
     singular = np.linalg.svd(root, compute_uv=False)
     regressors_only = np.linalg.svd(root[:unknowns, :unknowns], compute_uv=False)
     smallest = float(singular[-1]) if singular.size > unknowns else 0.0

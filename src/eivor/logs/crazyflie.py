@@ -84,7 +84,6 @@ def _quaternion(columns: Sequence[str]) -> VariableSource:
 
 
 def _angles(group: str) -> VariableSource:
-    """Attitude of yaw, negated pitch and roll [deg], in this order."""
     half = {
         f"{kind}{axis}": f'{function}("{group}.{angle}" * {sign}{np.pi / 360.0!r})'
         for kind, function in (("c", "cos"), ("s", "sin"))
@@ -402,7 +401,6 @@ class _RecordWalk:
         self.left = max(end - position, 0)
 
     def _anywhere(self, kind: str | np.dtype[Any], position: int, count: int, step: int) -> np.ndarray:
-        """What stands at so many places, from one on."""
         return np.ndarray((count,), kind, self.data, position, (step,))
 
     def _resumed(self, position: int) -> int | None:

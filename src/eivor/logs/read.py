@@ -287,7 +287,6 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
 
 
 def _head(file: Path) -> tuple[bytes, str]:
-    """The first bytes of a file, none of a folder, and the hash of all."""
     if file.is_dir():
         return b"", common.folder_sha256(file)
     with file.open("rb") as stream:

@@ -477,7 +477,6 @@ def frequency_response(
 
 
 def _frequencies(given: ArrayLike | None, longest_s: float, rate_hz: float) -> PerFrequency:
-    """Frequencies as given, or the default grid."""
     if given is None:
         low = FIRST_CYCLES / longest_s
         return np.geomspace(low, max(LAST_SHARE * rate_hz, 2.0 * low), FREQUENCIES)
@@ -492,7 +491,6 @@ def _frequencies(given: ArrayLike | None, longest_s: float, rate_hz: float) -> P
 
 
 def _arrays(name: str, given: Arrays) -> list[Float[np.ndarray, " n"]]:
-    """Arrays of all runs."""
     several = isinstance(given, list | tuple) and bool(given) and np.ndim(given[0]) > 0
     arrays = [checks.real_array(name, item) for item in (given if several else [given])]  # type: ignore[union-attr]
     for array in arrays:
@@ -548,7 +546,6 @@ def answered_share(parts: Sequence[Float[np.ndarray, "n 3"]]) -> float:
 def _runs(
     runs: Sequence[Float[np.ndarray, "n 3"]], rate_hz: float, period_s: float | None
 ) -> tuple[Spectra, ...]:
-    """Spectra of the stretches."""
     longest = max((len(values) for values in runs), default=0) / rate_hz
     if longest < LEAST_S:
         expected = f"a run of {LEAST_S:g} s or more without NaN"

@@ -328,7 +328,6 @@ class LaggedRuns(SeparableProblem):
         return next(column.band_hz for column in self.columns if column.axis == axis)
 
     def _cut(self) -> Iterator[tuple[AxisColumns, slice]]:
-        """Every run, in the order of the rows."""
         for column in self.columns:
             for run in column.runs:
                 yield column, run
@@ -387,7 +386,6 @@ class LaggedRuns(SeparableProblem):
 
     @cached_property
     def _fixed_rows(self) -> tuple[Float[np.ndarray, "rows f_plus_1"], Float[np.ndarray, "rows p"]]:
-        """[y fixed] and instruments of all runs."""
         fixed = (np.column_stack([item.responses[run, 0], item.fixed[run]]) for item, run in self._cut())
         return self._timed(fixed), self._timed(self._instruments())
 

@@ -446,7 +446,6 @@ def regression(
 
 
 def _column_names(table: object) -> tuple[str, ...]:
-    """Names of a table's columns, or of a series; none of an array."""
     names = getattr(table, "columns", None)
     name = getattr(table, "name", None)
     if names is None:

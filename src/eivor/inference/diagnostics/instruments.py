@@ -335,7 +335,6 @@ def _complement(columns: Float[np.ndarray, "q m"]) -> Float[np.ndarray, "q f"]:
 def _least_eigenvalue(
     power: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n n"]
 ) -> tuple[float, Float[np.ndarray, " n"]]:
-    """Least ratio of two quadratic forms, and where it is taken."""
     values, vectors = np.linalg.eigh(noise)
     root = vectors / np.sqrt(np.maximum(values, np.finfo(np.float64).tiny))
     ratios, directions = np.linalg.eigh(root.T @ power @ root)

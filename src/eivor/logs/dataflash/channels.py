@@ -41,7 +41,6 @@ DRY_AIR, ZERO_CELSIUS = 287.05, 273.15
 
 
 def _add_air_density(reading: ardupilot.MessageReading, table: Messages) -> None:
-    """Add it, where pressure [Pa] and temperature [degrees Celsius] are logged."""
 
     def values() -> Float[np.ndarray, " n"]:
         return table.values("Press") / (DRY_AIR * (table.values("Temp") + ZERO_CELSIUS))
@@ -292,7 +291,6 @@ def _voltage(table: Messages, reading: ardupilot.MessageReading) -> Float[np.nda
 
 
 def _add_rotor_speeds(reading: ardupilot.MessageReading, table: Messages) -> None:
-    """Add the speeds of rotors by the telemetry of their controllers [rad/s]."""
     column = table.first("Instance", "I")
     if not column:
         return
@@ -432,7 +430,6 @@ def _unwrapped(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 
 def _add_sweeps(reading: ardupilot.MessageReading, sweep: Messages) -> None:
-    """Add the injected sweeps, each where it is."""
     settings = reading.table("SIDS", "Ax")
     # by the last settings before a sample, else by the parameter
     axis = reading.parameters.get("SID_AXIS", 0.0)

@@ -189,7 +189,6 @@ def _core(tables: Mapping[str, Messages], chosen: str, findings: list[Finding]) 
 
 
 def _most(table: Messages | None, column: str) -> int:
-    """Value that a column has most often; 0 where there is none."""
     if table is None or not table.has(column) or not table.count:
         return 0
     values, counts = np.unique(table.stored(column), return_counts=True)

@@ -525,7 +525,6 @@ def read_topics(
 
 
 def _rotor_findings(reading: _Reading) -> list[Finding]:
-    """When a vehicle that flies in another way too is on its rotors."""
     types = reading.fields("vehicle_status").get("vehicle_type", np.zeros(0))
     on_rotors = types == 1
     if not (on_rotors.any() and np.isin(types, list(LOCOMOTION.keys() - {1})).any()):
@@ -550,7 +549,6 @@ def _reset_findings(reading: _Reading) -> list[Finding]:
 
 
 def _seconds(stamps: np.ndarray, start: np.uint64) -> Float[np.ndarray, " n"]:
-    """Seconds since the log's start; NaN for stamps that cannot be."""
     time = since_start(stamps, start)
     time[np.abs(time) > common.MAX_SPAN_S] = np.nan
     return time
@@ -628,7 +626,6 @@ def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
 
 
 def _add_rotor_speeds(reading: _Reading) -> None:
-    """Add the speeds [rad/s] of the motors that turn, by telemetry, each under its motor's number."""
     fields = reading.fields(ESC_TOPIC)
     names = {index: ESC_SPEED.format(index) for index in range(MAX_ESCS)}
     turning = {index: name for index, name in names.items() if np.any(fields.get(name, 0))}
