@@ -37,6 +37,7 @@ ROTORS = CRAZYFLIE.vehicle.rotors
 DIRECT = "whitened_least_squares"
 RESULTS = {
     "roll_gain": QuantityEstimate(200.0, "rad/s^2/m", 1.0, (198.0, 202.0)),
+    "pitch_damping": QuantityEstimate(1.0, "1/s", 0.1, (0.8, 1.2)),
     "drag_z": QuantityEstimate(0.3, "1/s", 0.01, (0.28, 0.32)),
     "effective_lag": QuantityEstimate(0.05, "s", 1e-4, (0.0498, 0.0502)),
 }
@@ -73,6 +74,8 @@ def test_even_stamps_may_be_in_step_with_a_slower_loop():
     share = 0.3 * 3.5e-3 / 0.05
     assert (gain.counts, gain.below, gain.above) == (Counts.INDEPENDENT, *[pytest.approx(200.0 * share)] * 2)
     assert "2.1 % larger or smaller" in gain.sentence
+    (damping,) = allowances["pitch_damping"]
+    assert (damping.counts, damping.above) == (Counts.INDEPENDENT, pytest.approx(6.5 * share))
     by_stamps, by_loops = allowances["effective_lag"]
     assert (by_stamps.counts, by_stamps.above) == (Counts.INDEPENDENT, flight.command_slack_s)
     assert (by_loops.counts, by_loops.above) == (Counts.INDEPENDENT, pytest.approx(3.5e-3))

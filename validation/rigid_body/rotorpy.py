@@ -36,7 +36,7 @@ LOGGED = {
     "crazyflie-brushless": (1000.0, 0.003),
     "hummingbird": (250.0, 0.006),
     "quadrotor-1.5kg": (500.0, 0.008),
-    "hexarotor-2.4kg": (200.0, 0.006),
+    "hexarotor-2.4kg": (250.0, 0.006),
 }
 SAMPLED = [
     *(

@@ -214,12 +214,14 @@ def clock_part(quantities: tuple[str, ...], counts: Counts = Counts.ADDED) -> Sy
 
 #: What a loop of the attitude in step with the log does to gains, as a share of the lag's part.
 GAIN_LOCKED = 0.3
+#: What it does to damping over what it does to gains: the loop's gain [1/s], in PX4 6.5, of a Crazyflie 6.
+ATTITUDE_GAIN = 6.5
 LOCKED = "The log's stamps are even, and a slower loop of the controller may run in step with them: "
 
 
 def locked_parts(
-    lags: tuple[str, ...], gains: tuple[str, ...], lag: str
-) -> tuple[SystematicPart, SystematicPart]:
+    lags: tuple[str, ...], gains: tuple[str, ...], lag: str, dampings: tuple[str, ...] = ()
+) -> tuple[SystematicPart, ...]:
     """Rows of commands that are always logged at one point of what a slower loop holds."""
 
     def share(inputs: VerdictInputs) -> float:
@@ -237,6 +239,12 @@ def locked_parts(
             Counts.INDEPENDENT,
             lambda inputs, name: share(inputs) * abs(inputs.value(name)),
             lambda inputs: f"{LOCKED}it may be {100.0 * share(inputs):.2g} % larger or smaller.",
+        ),
+        SystematicPart(
+            dampings,
+            Counts.INDEPENDENT,
+            lambda inputs, _: ATTITUDE_GAIN * share(inputs),
+            lambda inputs: f"{LOCKED}it may be {ATTITUDE_GAIN * share(inputs):.2g} 1/s larger or smaller.",
         ),
     )
 
