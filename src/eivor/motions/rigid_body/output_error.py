@@ -42,13 +42,16 @@ FIRST_NOISE = {"m": 0.002, "m/s": 0.02, "rad": 0.005, "rad/s": 0.05}
 #: Lags and delays that are possible [s], and how far the clocks of two flights may stand apart.
 LAGS_S, DELAYS_S, EARLY_S, OFFSETS_S = (0.001, 0.5), (0.0, 0.2), (-0.1, 0.2), 0.05
 #: Times that weights are renewed, and calls of one search.
-PASSES, CALLS = 3, 10
+PASSES, CALLS = 3, 20
+#: Tolerance of a search, and of the last one, by which every start ends alike.
+TOLERANCE, LAST_TOLERANCE = 1e-4, 1e-8
 #: Scale of the difference of two clocks [s].
 CLOCK_S = 0.002
 #: Parts of a state's difference, [position, velocity, rotation, rates], by unit.
 _UNITS = ("m",) * 3 + ("m/s",) * 3 + ("rad",) * 3 + ("rad/s",) * 3
 #: Terms that a model always has; each of the others must earn its place.
 CORE = (*GAIN, *OFFSET, THRUST, *DRAG)
+ALWAYS = frozenset(item.name for item in (*CORE, ACTUATOR_LAG, DELAY))
 #: What only takes energy out.
 _POSITIVE = (*DAMPING, *DRAG, *QUADRATIC_DRAG)
 
@@ -205,13 +208,13 @@ class Linearised:
         return change * scale, share * steps.T @ steps * np.outer(scale, scale)
 
 
-def minimised(start: Structure, *, passes: int = PASSES) -> Minimum:
+def minimised(start: Structure, *, tolerance: float = TOLERANCE) -> Minimum:
     """The nearest minimum of the whitened errors, with weights from the errors themselves."""
     low, high = start.bounds
     margin = 1e-3 * start.scale
     point = np.clip(start.point, low + margin, high - margin)
     noises = [np.array([FIRST_NOISE[_UNITS[part]] for part in item.outputs]) for item in start.windows]
-    for _ in range(passes):
+    for _ in range(PASSES):
         made = []
         for number, (windows, left) in enumerate(zip(start.windows, start.left([point]), strict=True)):
             by_state = windows.by_initial_state(start.models([point], number)[0])
@@ -232,7 +235,7 @@ def minimised(start: Structure, *, passes: int = PASSES) -> Minimum:
             return start.derivatives(points, np.concatenate([best.whitened(points), clocks], axis=1))
 
         kept = {"bounds": (low, high), "x_scale": start.scale, "loss": "soft_l1", "max_nfev": CALLS}
-        point = least_squares(residual, point, jac=jacobian, ftol=1e-4, xtol=1e-5, **kept).x
+        point = least_squares(residual, point, jacobian, ftol=tolerance, xtol=0.1 * tolerance, **kept).x
     values = {**start.values, **dict(zip(start.kept, point.tolist(), strict=False))}
     return replace(best, structure=replace(start, values=values, clocks=point[len(start.kept) :]))
 
@@ -254,8 +257,8 @@ def flight_windows(flights: Flights, vehicle: KnownVehicle) -> tuple[Windows, ..
 
 #: Squared ratio of a term to its standard error from which Akaike's criterion wants it.
 AKAIKE = 2.0
-#: Times that terms are chosen, each with what was chosen before.
-ROUNDS = 2
+#: Times that terms are chosen at most, each with what was chosen before.
+ROUNDS = 8
 
 
 @dataclass(frozen=True)
@@ -324,7 +327,17 @@ class Structure:
         return at.of(np.array([*(self.seen.index(item) for item in free), *clocks]), jackknife=jackknife)
 
     def chosen(self, at: Linearised) -> Structure:
-        """With the terms that Akaike's criterion wants as well, one after the other."""
+        """With the terms that Akaike's criterion wants as well, or without the least that it does not."""
+        wider = self._wider(at)
+        wanted = dict(zip(self.kept, self.point**2 / np.diag(self.alone(at)[1]).clip(1e-300), strict=False))
+        least = min(wanted, key=lambda name: np.inf if name in ALWAYS else wanted[name])
+        if wider.kept != self.kept or least in ALWAYS or wanted[least] > AKAIKE:
+            return wider
+        kept = tuple(name for name in self.kept if name != least)
+        return replace(self, kept=kept, values={**self.values, least: 0.0})
+
+    def _wider(self, at: Linearised) -> Structure:
+        """With the terms that it wants as well, one after the other."""
         positive, index, ratios = {item.name for item in _POSITIVE}, len(self.kept), {"": 0.0}
         for name in self.seen:
             if name not in self.kept:
@@ -332,46 +345,35 @@ class Structure:
                 wrong = name in positive and change[index] < 0.0
                 ratios[name] = 0.0 if wrong else change[index] ** 2 / max(covariance[index, index], 1e-300)
         best = max(ratios, key=lambda name: ratios[name])
-        return self if ratios[best] <= AKAIKE else replace(self, kept=(*self.kept, best)).chosen(at)
+        return self if ratios[best] <= AKAIKE else replace(self, kept=(*self.kept, best))._wider(at)
 
 
 def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structure:
-    """The core of the equations at the estimate, or at least squares of its rows by the core alone."""
-    names, linear = estimate.names, estimate.names[: estimate.theta.size]
-    core = [name for name in names if name in {item.name for item in (*CORE, ACTUATOR_LAG, DELAY)}]
-    values = {**estimate.nuisances, **estimate.parameters}
-    values |= {name: 0.0 for name in names if name not in core}
+    """The core of the equations at the estimate."""
+    names, given = estimate.names, {**estimate.nuisances, **estimate.parameters}
+    values = {name: 0.0 if name in names and name not in ALWAYS else value for name, value in given.items()}
     scales = {name: max(estimate.std_error(name), 1e-9) for name in names}
     clocks = np.zeros(len(windows) if len(windows) > 1 else 0)
-    first = Structure(windows, names, scales, values, tuple(core), clocks)
-    of_all = replace(first, kept=names)
+    of_all = Structure(windows, names, scales, values, names, clocks)
     left = of_all.left(of_all.moved(of_all.point))
     answer = sum(np.abs(item[1:] - item[0]).sum(axis=(1, 2)) for item in left)
     # what no window answers stays as it is
     seen = tuple(name for name, size in zip(names, answer, strict=False) if size > 0.0)
-    values |= {name: estimate.parameters[name] for name in names if name not in seen}
-    first = replace(first, seen=seen, values=values, kept=tuple(name for name in core if name in seen))
-    by_rows = [name for name in linear if name in core]
-    rows, places = estimate.rows, [linear.index(name) for name in by_rows]
-    theta = np.linalg.lstsq(rows.regressors[:, places], rows.response, rcond=None)[0]
-    other = replace(first, values={**values, **dict(zip(by_rows, theta.tolist(), strict=True))})
-    tried = [minimised(item, passes=1) for item in (first, other)]
-    ends, by_first = [item.structure for item in tried], tried[0].whitened
-    costs = [float(np.sqrt(1.0 + by_first([end.point])[0] ** 2).sum()) for end in ends]
-    return ends[int(np.argmin(costs))]
+    values |= {name: given[name] for name in names if name not in seen}
+    return replace(of_all, seen=seen, values=values, kept=tuple(name for name in seen if name in ALWAYS))
 
 
 def refined_by_output_error(
     estimate: Estimate, flights: Flights, vehicle: KnownVehicle
 ) -> tuple[Estimate, tuple[Finding, ...]]:
     """The estimate whose multi-step predictions leave least, and what stands out: see docs/rigid-body.md."""
-    structure = first_structure(estimate, flight_windows(flights, vehicle))
-    minimum = minimised(structure, passes=PASSES - 1)
+    minimum = minimised(first_structure(estimate, flight_windows(flights, vehicle)))
     for _ in range(ROUNDS):
-        wider = minimum.structure.chosen(minimum.linearised())
-        if wider.kept == minimum.structure.kept:
+        other = minimum.structure.chosen(minimum.linearised())
+        if other.kept == minimum.structure.kept:
             break
-        minimum = minimised(wider)
+        minimum = minimised(other)
+    minimum = minimised(minimum.structure, tolerance=LAST_TOLERANCE)
     structure, at, names = minimum.structure, minimum.linearised(), estimate.names
     matrix = np.zeros((len(names), len(names)))
     places = np.array([names.index(name) for name in structure.kept])
