@@ -98,7 +98,6 @@ COMMANDS = (
     ("export fit.json --to px4 --draws 5", 2, "draws out of rotorpy, mujoco, isaaclab"),
     ("export fit.json --draws 5 --vehicle crazyflie-2x -o d.parquet", 2, "no vehicle for draws of a table"),
     ("export fit.json --to px", 2, "a target out of px4"),
-    ("export fit.json --example --to px4", 2, "eivor identify --example --json fit.json"),
     ("export fit.json --draws 5", 2, "-o draws.parquet"),
     ("export fit.json --draws 0 -o d.parquet", 2, "0 draws"),
     ("export fit.json --to statespace --prior delay", 2, "a prior NAME=VALUE:STD"),

@@ -446,7 +446,6 @@ test_refused = table(
         ({"window": [1]}, "a text"),
         ({"compare": "yes"}, "true or false at options.compare of the request"),
         ({"max_tilt": True}, "a finite number"),
-        ({"max_tilt": 10**400}, "received"),
         ({"method": 3}, "a text"),
         ({"terms": [["x"]]}, "a text"),
     ),

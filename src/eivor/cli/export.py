@@ -9,8 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from eivor.cli import outputs
 from eivor.cli.options import NO_TEXTS, parse_pair
 from eivor.errors import NotIdentifiedError, UsageError
@@ -42,13 +40,6 @@ EXPORT_EXIT_CODES = (
     "(.parm), drone-models (Python). The word all writes those that the result supports into a folder, with "
     "a page."
 )
-
-
-def _no_example(wanted: bool) -> bool:
-    if wanted:
-        remedy = "Make the example's result: eivor identify --example --json fit.json."
-        raise typer.Exit(int(outputs.reported(UsageError("a result FIT.json", "--example", remedy))))
-    return wanted
 
 
 @outputs.guarded
@@ -109,9 +100,6 @@ def export(
         ),
         outputs.Writes(FOLDER_FILES),
     ] = outputs.STANDARD_OUTPUT,
-    _example: Annotated[
-        bool, typer.Option("--example", hidden=True, is_eager=True, callback=_no_example)
-    ] = False,
 ) -> outputs.ExitCode:
     """Write a result's numbers where they are used, with intervals; only what is identified."""
     output = _destination(to, draws, file, output)

@@ -43,7 +43,7 @@ def prediction_panels(predictions: MultiStepPrediction) -> plots.Panels:
         name = models[0].quantity
         given: dict[str, Any] = {"prediction": predictions, "models": models, "first": number == 0}
         panels[name] = partial(_draw_ahead_over_time, **given, displayed=liveliest)
-        panels[f"{name} by horizon"] = partial(draw_by_horizon, **given, title="By horizon")
+        panels[f"{name} by horizon"] = partial(draw_by_horizon, **given)
     return panels
 
 
@@ -67,7 +67,8 @@ def _draw_ahead_over_time(
     time = prediction.start_s[displayed] + after
     words, series = f"{models[0].quantity} [{unit}]", models[0].series
     if series is not None:
-        ax.plot(time, _unbroken(time, times * series[displayed, 0]), color=plots.DARK, lw=2.6, alpha=0.4)
+        measured = _unbroken(time, times * series[displayed, 0])
+        ax.plot(time, measured, color=plots.DARK, lw=2.6, alpha=0.4, label="measured")
     else:
         words = f"error of {words}"
     for item, colour in _coloured(models):
@@ -76,23 +77,17 @@ def _draw_ahead_over_time(
             ax.plot(time, _unbroken(time, times * drawn), color=colour, lw=1.0)
     plots.labelled(ax, x="time [s]", y=words, size=9.0)
     ax.margins(x=0.005)
+    if first and series is not None:
+        plots.legend(ax, size=7)
     if first:
         plots.headed(ax, f"After {after:g} s, in the liveliest {time[-1] - time[0]:.0f} s of the flight")
 
 
 def draw_by_horizon(
-    axes: Axes,
-    prediction: MultiStepPrediction,
-    models: tuple[HorizonErrors, ...],
-    *,
-    first: bool = True,
-    title: str = "",
+    axes: Axes, prediction: MultiStepPrediction, models: tuple[HorizonErrors, ...], *, first: bool = True
 ) -> None:
-    """Root mean square error of each model against the horizon; the first has a title, if any, and a key."""
+    """Root mean square error of each model against the horizon; the first has a key."""
     unit, times = display_unit(models[0].unit)
-    if first and title:
-        axes.plot([], [], color=plots.DARK, lw=2.6, alpha=0.4, label="measured")
-        axes.set_title(title, fontsize=9)
     for item, colour in _coloured(models):
         errors = times * np.array(item.rms)
         axes.plot(prediction.horizons_s, errors, "o-", color=colour, ms=3.5, lw=1.2, label=item.words)
