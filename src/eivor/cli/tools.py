@@ -350,7 +350,6 @@ def _shipped_group(
     text: Callable[[str], str],
     names: str,
 ) -> typer.Typer:
-    """Group of the commands that list and show what comes with Eivor, or is in a file."""
     app = group(what, about)
     name_or_file = argument("NAME|FILE.toml", "A name out of the list, or a file.", names)
 

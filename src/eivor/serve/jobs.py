@@ -156,7 +156,6 @@ class Workers:
             process.close()
 
     def _first_task(self) -> Ticket:
-        """Have a process load what it needs, and report what may be chosen."""
         ticket = Ticket(Task("choices"), urgent=True)
         self.put(ticket)
         return ticket
@@ -348,7 +347,6 @@ class Jobs:
                     self._forget(job)
 
     def do(self, task: Task) -> Outcome:
-        """Outcome of something small that somebody waits for."""
         ticket = Ticket(task, urgent=True)
         self._workers.put(ticket)
         return ticket.outcome.result()
