@@ -211,7 +211,9 @@ class _Run:
             if (start_s := time.monotonic()) > due:
                 folder.merge(motion)
                 due = time.monotonic() + max(MERGE_S, MERGE_TIMES * (time.monotonic() - start_s))
-        self._write_copies(copies)
+        for part in copies.iter_slices(COPIES):
+            firsts = zip(LogList(part), part["first"], strict=True)
+            folder.write([table.copy_row(options.row_of(log), first) for log, first in firsts])
         folder.merge(motion)
         there = folder.there(options.motion)
         if self.shard.page_of is not None:
@@ -243,12 +245,6 @@ class _Run:
         with closing(self.executor.map(shard, LogList(logs).pages(size))) as results:
             for _, rows in results:
                 yield rows
-
-    def _write_copies(self, copies: pl.DataFrame) -> None:
-        options = self.shard.options
-        for part in copies.iter_slices(COPIES):
-            firsts = zip(LogList(part), part["first"], strict=True)
-            self.shard.folder.write([table.copy_row(options.row_of(log), first) for log, first in firsts])
 
 
 def _taken_over(folder: Path) -> InputError:

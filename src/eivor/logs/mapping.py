@@ -42,8 +42,9 @@ _CALLED = {word: channel for channel, words in common.LOG_TABLES["called"].items
 _CALLED |= {
     f"{word}{axis}": f"specific_force_body_{axis}" for word in ("acc", "accel", "a") for axis in "xyz"
 }
-for _word in ("motor", "rotor", "esc", "pwm"):
-    _CALLED |= {f"{_word}{number}": f"rotor_command_{number}" for number in range(1, 9)}
+_CALLED |= {
+    f"{word}{n}": f"rotor_command_{n}" for word in ("motor", "rotor", "esc", "pwm") for n in range(1, 9)
+}
 
 
 def known_unit(text: str) -> str | None:

@@ -86,26 +86,21 @@ _SNIFFS: Mapping[str, Callable[[bytes, Path], bool]] = {
 }
 
 
-def _refused(name: str, row: Mapping[str, Any]) -> common.LogFormat:
-    """Format without a reader, a row of a table; what it does not say is what most say."""
-    label, codec = row["label"], row.get("codec", "")
-    expected = "a table in UTF-8" if codec else "a log that this release reads"
-    received = f"'{{}}', {label}" if codec else f"{label}, '{{}}'"
-    remedy = "Unpack it and give the log that is inside."
-    if codec:
-        remedy = f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does."
+def _refused(name: str, row: Mapping[str, Any], error: type[InputError]) -> common.LogFormat:
+    """Format without a reader, a row of a table; the file's name goes into the braces."""
+    label = row["label"]
 
     def refuse(file: Path, _options: common.ReadOptions) -> Never:
-        of_file = row.get("received", received).format(file.name)
-        error = UnknownFormatError if codec else MissingReaderError
-        raise error(row.get("expected", expected), of_file, row.get("remedy", remedy))
+        received = row.get("received", f"{label}, '{{}}'").format(file.name)
+        raise error(row.get("expected", "a log that this release reads"), received, row["remedy"])
 
     sniff = _SNIFFS.get(name) or common.begins_with(*map(bytes.fromhex, row["magic"]))
     return common.LogFormat(name, label, sniff, refuse, is_read=False)
 
 
 REFUSED, (UTF_32, UTF_16, EIGHT_BIT) = (
-    tuple(_refused(*item) for item in common.LOG_TABLES[kind].items()) for kind in ("refused", "encodings")
+    tuple(_refused(name, row, error) for name, row in common.LOG_TABLES[kind].items())
+    for kind, error in (("refused", MissingReaderError), ("encodings", UnknownFormatError))
 )
 
 
