@@ -88,14 +88,13 @@ _SNIFFS: Mapping[str, Callable[[bytes, Path], bool]] = {
 
 def _refused(name: str, row: Mapping[str, Any], error: type[InputError]) -> common.LogFormat:
     """Format without a reader, a row of a table; the file's name goes into the braces."""
-    label = row["label"]
 
     def refuse(file: Path, _options: common.ReadOptions) -> Never:
-        received = row.get("received", f"{label}, '{{}}'").format(file.name)
+        received = row.get("received", f"{row['label']}, '{{}}'").format(file.name)
         raise error(row.get("expected", "a log that this release reads"), received, row["remedy"])
 
     sniff = _SNIFFS.get(name) or common.begins_with(*map(bytes.fromhex, row["magic"]))
-    return common.LogFormat(name, label, sniff, refuse, is_read=False)
+    return common.LogFormat(name, row["label"], sniff, refuse, is_read=False)
 
 
 REFUSED, (UTF_32, UTF_16, EIGHT_BIT) = (
