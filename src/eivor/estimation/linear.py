@@ -488,6 +488,20 @@ def _minimum(
     )
 
 
+def next_step(
+    method: LinearMethod, estimate: Estimate, problem: SeparableProblem, nuisance: Nuisance
+) -> tuple[float, float]:
+    """First step of a nuisance that is zero so far, and its standard error, without a search."""
+    at = {**estimate.nuisances, nuisance.name: 0.0}
+    weights = method.row_weighting.last_pass(problem, estimate.theta, at)
+    columns = np.column_stack([estimate.nuisance_columns, slope(weights, nuisance, at, estimate.theta)])
+    parameters = (*estimate.joint_parameters, nuisance.parameter)
+    wider = replace(estimate, joint_parameters=parameters, nuisance_columns=columns)
+    equation = wider.equation
+    step = np.linalg.solve(equation.slope, equation.rows.scores.sum(axis=0))[-1]
+    return float(step), wider.std_error(nuisance.name)
+
+
 def slope(
     weights: WeightedRows, nuisance: Nuisance, nuisance_values: Values, theta: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " rows"]:

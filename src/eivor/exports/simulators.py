@@ -72,7 +72,7 @@ def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
 #: A rotor's share of the mass.
 ROTOR_SHARE = 0.005
 GAZEBO_REMARKS = (
-    "One lag was identified: it stands for speeding up and for slowing down.",
+    "Where one lag is identified, it stands for speeding up and for slowing down.",
     "Of the mass each rotor has half a percent; body and rotors together have mass and inertia as above.",
 )
 #: Of PX4 with Gazebo, whose outputs are rotor speeds.
@@ -114,8 +114,10 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
 
 
 def _motor(value: Mapping[str, float], rotor: Mapping[str, float]) -> dict[str, float]:
+    lag_up, lag_down = vehicle.up_and_down(value["actuator_lag"], value)
     return {
-        **dict.fromkeys(("timeConstantUp", "timeConstantDown"), value["actuator_lag"]),
+        "timeConstantUp": lag_up,
+        "timeConstantDown": lag_down,
         "maxRotVelocity": rotor["largest_speed"],
         "motorConstant": rotor["thrust_constant"],
         "momentConstant": value["torque_ratio"],

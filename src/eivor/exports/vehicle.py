@@ -70,6 +70,7 @@ WORDS = {
     "rotor_inertia": "inertia of a rotor [kg m^2]",
     "drag_height": "rotors above the centre of mass, by what their drag turns [m]",
     "second_lag": "lag of the rotors, the shorter of two stages [s]",
+    "lag_asymmetry": "rate of the rotors upward over that of their lag, less 1; downward as much smaller",
     "largest_command": "largest command",
     "speed_scale": "rotor speed per unit of command [rad/s]",
 }
@@ -92,9 +93,10 @@ EFFECTS = {
     (SQUARE := "quadratic drag"): QUADRATIC,
     (LIFT := "translational lift"): BEYOND[:1],
     (REACTION := "rotor inertia"): BEYOND[1:],
-    (LAG := "lag of the rotors"): ("actuator_lag", "second_lag"),
+    (LAG := "lag of the rotors"): ("actuator_lag", "second_lag", "lag_asymmetry"),
     (LATE := "delay of the commands"): ("delay",),
     (SECOND_STAGE := "second stage of the rotors' lag"): ("second_lag",),
+    (UP_AND_DOWN := "other lag of the rotors upward than downward"): ("lag_asymmetry",),
     # of one whose rotors' torque goes with thrust times signal, its change about hover as it should be
     (IN_STEP := "yaw torque in step with thrust"): (),
     (OF_SPEED := "lag of the rotors' speed in place of their thrust's"): (),
@@ -108,11 +110,12 @@ ALIKE = {
     (QUADRATIC_OTHER := "quadratic drag along y and z other than along x"): (QUADRATIC[1:], QUADRATIC[:1]),
     (TURNING_OTHER := "torque against turning other than about x"): (TORQUES[1:], TORQUES[:1]),
 }
-TIMING = (LATE, SECOND_STAGE)
-_GAZEBO = (DRAG_ALONG, TURNING, SQUARE, LIFT, ACROSS, *TIMING)
+TIMING = (LATE, SECOND_STAGE, UP_AND_DOWN)
+_GAZEBO = (DRAG_ALONG, TURNING, SQUARE, LIFT, ACROSS, *TIMING[:2])
 #: What simulators lack; others have no delay and one lag.
 LACKS = {
-    "A state space": (SECOND_STAGE,),
+    "A state space": (SECOND_STAGE, UP_AND_DOWN),
+    **dict.fromkeys(("CasADi", "drone-models", "PyBullet"), TIMING[:2]),
     "A model of PX4": (*_GAZEBO, OFF_CENTRE, REACTION, ABOVE),
     "Gazebo": _GAZEBO,
     "gym-pybullet-drones": (TURNING, SQUARE, LIFT, REACTION, LAG, ACROSS, LATE),
@@ -183,10 +186,11 @@ MADE_OF = {
         "actuator_lag": "actuator_lag",
         "delay": "delay",
         "second_lag": "second_lag",
+        "lag_asymmetry": "lag_asymmetry",
     },
 }
 #: What few flights look for.
-RARE = ("quadratic_drag_z", "second_lag")
+RARE = ("quadratic_drag_z", "second_lag", "lag_asymmetry")
 #: What may be given with --prior beside these.
 BESIDE = (*INERTIAS, "torque_ratio", "largest_command", "speed_scale")
 MAY_BE_ZERO = ("viscous_friction", "actuator_lag", "delay", "torque_ratio")
@@ -400,7 +404,7 @@ def _parts(
         if root_number is None:
             if name not in RARE or root in fitted.quantities:
                 missing[name] = (root,)
-        elif name not in RARE or root_number.value > 0.0:
+        elif name not in RARE[:2] or root_number.value > 0.0:
             parts[name] = _root(root_number, name, root, given["mass"], vehicle.count)
     return parts, missing, tuple(bounds)
 
@@ -523,14 +527,15 @@ def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[tupl
         torque -= turned_by_rotors(made)[:, 0]
     of_rotors = made.vehicle.count * rotor["hover_speed"] * np.array([across, across, along])
     lag, largest = value.get("actuator_lag", LEAST["actuator_lag"]), rotor["largest_speed"]
+    lag_up, lag_down = up_and_down(lag, value)
     rotors = Rotors(
         positions=tuple((x, y, height) for x, y in at.tolist()),
         spins=made.vehicle.spins,
         highest_speed=largest if math.isfinite(largest) else REACH * rotor["hover_speed"],
         thrust_quadratic=rotor["thrust_constant"],
         torque_ratio=value["torque_ratio"],
-        lag_up=lag,
-        lag_down=lag,
+        lag_up=lag_up,
+        lag_down=lag_down,
         inertia=value.get("rotor_inertia", 0.0),
         delay=value.get("delay", 0.0),
         drag=across,
@@ -542,6 +547,12 @@ def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[tupl
     damped = (tuple(max(item, 0.0) for item in part) for part in drags)
     inertia = tuple(value[name] for name in INERTIAS)
     return Vehicle(value["mass"], inertia, rotors, BodyDrag(*damped)), drags
+
+
+def up_and_down(lag: float, value: Mapping[str, float]) -> tuple[float, float]:
+    """Lags towards higher and towards lower speeds [s]."""
+    asymmetry = value.get("lag_asymmetry", 0.0)
+    return lag / (1.0 + asymmetry), lag / (1.0 - asymmetry)
 
 
 def simulated_vehicle(made: VehicleDescription) -> Vehicle:

@@ -17,8 +17,10 @@ from eivor.inference.diagnostics.record import BEYOND_DOUBT, outcome_word
 from eivor.inference.distributions import chi_square_tail
 from eivor.models.lagged_runs import (
     ACTUATOR_LAG,
+    ASYMMETRY,
     DELAY,
     LAG_GRID_S,
+    LAGS_UP_AND_DOWN,
     SECOND_LAG,
     SECOND_STAGE,
     AxisColumns,
@@ -51,6 +53,12 @@ LAG_QUANTITIES = {
         "second lag", "τ₂", "s", Kind.DERIVED, optional=True, shown_unit="ms", scale=1e3, lowest=0.0
     ),
     SECOND_STAGE.name: QuantitySpec("second stage", "q", "", optional=True, lowest=0.0),
+    ASYMMETRY.name: QuantitySpec("lag asymmetry", "a", "", optional=True),
+} | {
+    name: QuantitySpec(
+        f"lag {way}ward", symbol, "s", Kind.DERIVED, optional=True, shown_unit="ms", scale=1e3, lowest=0.0
+    )
+    for name, way, symbol in zip(LAGS_UP_AND_DOWN, ("up", "down"), ("τ_up", "τ_down"), strict=True)
 }
 
 
@@ -90,7 +98,7 @@ def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
 
 
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, QuantityEstimate]:
-    """Lag, delay and their sum, zero for what was not searched for; and the shorter of two lags in series."""
+    """Lag, delay and their sum, zero for what was not searched for; two lags in series, or up and down."""
     joint = joint_quantities(estimate)
     fixed = {item.name: item.first for item in problem.nuisances if item.name not in joint}
     joint |= {name: QuantityEstimate(value, "s", 0.0, (value, value)) for name, value in fixed.items()}
@@ -114,6 +122,15 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
         error = 0.5 * (high - low) / NORMAL
         quantities[SECOND_LAG] = QuantityEstimate(second, "s", error, (low, high), lowest=0.0)
         quantities[SECOND_STAGE.name] = stage
+    if ASYMMETRY.name in joint:
+        quantities[ASYMMETRY.name], covariance = joint[ASYMMETRY.name], estimate.joint_covariance
+        for name, sign in zip(LAGS_UP_AND_DOWN, (1.0, -1.0), strict=True):
+            share = 1.0 / (1.0 + sign * joint[ASYMMETRY.name].value)
+            by_lag, by_asymmetry = map(estimate.direction, (ACTUATOR_LAG.name, ASYMMETRY.name))
+            direction = share * by_lag - sign * lag.value * share**2 * by_asymmetry
+            value, half = share * lag.value, covariance.half_width(direction, LEVEL)
+            interval, error = (value - half, value + half), covariance.std_error(direction)
+            quantities[name] = QuantityEstimate(value, "s", error, interval, lowest=0.0)
     return quantities
 
 

@@ -21,6 +21,10 @@ DELAY = Parameter("delay", "s")
 #: q of actuators that lag in two stages, q lag^2 w'' + lag w' + w = command, and the shorter of these [s].
 SECOND_STAGE, SECOND_LAG = Parameter("second_stage", ""), "second_lag"
 STAGES = (SECOND_LAG, SECOND_STAGE.name)
+#: Of rates at which actuators follow upward and downward, half the difference over the mean; their lags [s].
+ASYMMETRY, LAGS_UP_AND_DOWN = Parameter("lag_asymmetry", ""), ("lag_up", "lag_down")
+#: Its range: one lag is at most four times the other.
+ASYMMETRIES = np.array([-0.6, 0.6])
 #: Values of it to begin a search at: from one stage to nearly two equal ones.
 SECOND_STAGES = np.linspace(0.0, 0.249, 4)
 
@@ -61,11 +65,14 @@ def of_order(nuisances: tuple[Nuisance, ...], order: int | None) -> tuple[Nuisan
 
 
 def actuators(values: Values) -> dict[str, float]:
-    """Lag, delay and second stage of `actuator_state`, the last by a second lag where that is known."""
+    """Lag, delay, second stage and asymmetry of `actuator_state`; the stage by a second lag where known."""
     lag_s, second_s = values[ACTUATOR_LAG.name], values.get(SECOND_LAG, 0.0)
     share = min(second_s / lag_s, 0.49) if lag_s > 0.0 and second_s > 0.0 else 0.0
     stage = values.get(SECOND_STAGE.name, share * (1.0 - share))
-    return {"lag_s": lag_s, "delay_s": values[DELAY.name], "second_stage": stage}
+    path = {"lag_s": lag_s, "delay_s": values[DELAY.name], "second_stage": stage}
+    if ASYMMETRY.name in values:
+        path["asymmetry"] = values[ASYMMETRY.name]
+    return path
 
 
 def measured_state() -> tuple[Nuisance, Nuisance]:

@@ -15,10 +15,23 @@ Rotors = Float[np.ndarray, "n rotors"]
 Columns = Float[np.ndarray, "n columns"]
 
 
+#: Passes of a search for the side from which states approach commands: it ends at the exact one before.
+MOST_PASSES = 20
+
+
 def actuator_state(
-    command: Rotors, *, step_s: float, lag_s: float, delay_s: float, second_stage: float = 0.0
+    command: Rotors,
+    *,
+    step_s: float,
+    lag_s: float,
+    delay_s: float,
+    second_stage: float = 0.0,
+    asymmetry: float = 0.0,
 ) -> Rotors:
-    """State at the samples, behind lag and delay [s] of held commands: q lag^2 w'' + lag w' + w = command."""
+    """State at the samples, behind lag and delay [s] of held commands: q lag^2 w'' + lag w' + w = command.
+
+    With an asymmetry a the lag is lag / (1 + a) upward and lag / (1 - a) downward, without a second stage.
+    """
     if lag_s <= 0.0:  # a step of the command is seen in the middle of a difference of states around it
         later = delay_s + 0.5 * step_s
         return command if delay_s <= 0.0 else shifted_by(command, step_s=step_s, delay_s=later)
@@ -44,6 +57,36 @@ def actuator_state(
     band[0], band[1] = 1.0, -decay
     state: Rotors = scipy.linalg.lapack.dtbtrs(band, driven, uplo="L", diag="U", overwrite_b=True)[0]
     state += start
+    if asymmetry:
+        lengths = np.array([fraction, 1.0 - fraction]) * step_s
+        return _uneven_state(command, state, lengths / lag_s, whole, asymmetry)
+    return state
+
+
+def _uneven_state(
+    command: Rotors, state: Rotors, lengths: Float[np.ndarray, "2"], whole: int, asymmetry: float
+) -> Rotors:
+    """The same with two lags, from the state with their mean; lengths are the parts of a step in lags."""
+    # a held command is approached from one side: with the sides known, states follow from a linear system
+    late = command[np.maximum(np.arange(-1, command.shape[0] - 1) - whole, 0)]
+    early, band = np.concatenate([late[:1], late[:-1]]), np.ones((2, command.shape[0]), order="F")
+    decays = np.exp(-np.outer(lengths, [1.0 + asymmetry, 1.0 - asymmetry])).tolist()
+    rises = np.zeros((2, *command.shape), dtype=np.bool_)
+    for _ in range(MOST_PASSES):
+        before = np.concatenate([state[:1], state[:-1]])
+        last, rises = rises, np.empty_like(rises)
+        rises[0] = early > before
+        first = np.where(rises[0], *decays[0])
+        rises[1] = late > early + (before - early) * first
+        second = np.where(rises[1], *decays[1])
+        if (rises == last).all():
+            break
+        driven, decay = (1.0 - first) * second * early + (1.0 - second) * late, first * second
+        driven[0], state = command[0], np.empty_like(state)
+        for rotor in range(command.shape[1]):
+            band[1, :-1] = -decay[1:, rotor]
+            of_rotor = driven[:, rotor : rotor + 1]
+            state[:, rotor] = scipy.linalg.lapack.dtbtrs(band, of_rotor, uplo="L", diag="U")[0][:, 0]
     return state
 
 

@@ -10,14 +10,16 @@ import numpy as np
 
 from eivor.errors import InputError, UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.linear import LinearMethod, next_step
+from eivor.estimation.methods import by_name
 from eivor.flights import motion
 from eivor.flights.grid import Active, Grid
-from eivor.flights.lag_prior import joint_quantities, lag_quantities
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS, joint_quantities, lag_quantities
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.quantity import Implications, QuantityEstimate, Trace, Words, flight_card
 from eivor.flights.timestamps import with_corrected_stamps
-from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
 from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, rate_panel, rates_std, refuse_degrees
@@ -289,6 +291,35 @@ def refined_band(
     return whole, estimate
 
 
+#: Lags up and down differ where their asymmetry is so many standard errors from none: Akaike's criterion.
+ASYMMETRY_ERRORS = 2.0
+
+
+def refined_lags(
+    problem: LaggedRuns, estimate: Estimate, estimated: Callable[[LaggedRuns], Estimate]
+) -> tuple[LaggedRuns, Estimate]:
+    """The problem with a lag upward and another downward, and its estimate, where the flights show two."""
+    method, usual = by_name(estimate.method), len(LAG_SUMS[EFFECTIVE_LAG])
+    if not isinstance(method, LinearMethod) or ACTUATOR_LAG.name not in estimate.names:
+        return problem, estimate
+    if len(problem.nuisances) > usual:  # a second stage is searched for
+        return problem, estimate
+    nuisance = Nuisance(ASYMMETRY, ASYMMETRIES, tolerance=1e-4)
+    uneven = replace(problem, nuisances=(*problem.nuisances, nuisance))
+    step, error = next_step(method, estimate, uneven, nuisance)
+    if not abs(step) > ASYMMETRY_ERRORS * error:
+        return problem, estimate
+    values = {**estimate.nuisances, ASYMMETRY.name: float(np.clip(step, *ASYMMETRIES))}
+    nuisances = tuple(_around(item, values[item.name]) for item in uneven.nuisances)
+    uneven = replace(uneven, nuisances=nuisances, warm_start=WarmStart(estimate.theta, values))
+    return uneven, estimated(uneven)
+
+
+def _around(nuisance: Nuisance, value: float) -> Nuisance:
+    """With a grid of its ends and a value, where a search is nearly at its end."""
+    return replace(nuisance, grid=np.unique([nuisance.first, value, nuisance.grid[-1]]))
+
+
 def in_full_band(problem: LaggedRuns) -> LaggedRuns:
     """The same problem with rows of turning up to `FULL_BAND_HZ`; itself where the logs do not reach far."""
     columns = tuple(_whole(column) for column in problem.columns)
@@ -359,8 +390,9 @@ def excitation(flights: motion.Flights) -> str:
 def refined(
     problem: LaggedRuns, solve: motion.Solver[LaggedRuns], _options: FlightOptions, /
 ) -> tuple[LaggedRuns, Estimate]:
-    """With one inertia of the rotors about all axes where the flights identify it."""
-    return refined_band(*verdict.refined_rotor_inertia(problem, solve), solve)
+    """With one inertia of the rotors where the flights identify it, and with lags up and down likewise."""
+    linked = verdict.refined_rotor_inertia(problem, solve)
+    return refined_band(*refined_lags(*linked, solve), solve)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.flights.motion import Flights, Starts, starts_of
 from eivor.flights.quantity import SimpleModel
 from eivor.inference.covariance import CovariancePart, JointCovariance
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, DELAY
 from eivor.models.separable import Values
 from eivor.motions.rigid_body.dynamics import turned, vector_part
 from eivor.motions.rigid_body.predict import LoggedState, StatePropagator
@@ -291,6 +291,7 @@ class Structure:
     def bounds(self) -> tuple[Vector, Vector]:
         known = {ACTUATOR_LAG.name: LAGS_S, DELAY.name: EARLY_S if self.measured else DELAYS_S}
         known |= {item.name: (0.0, np.inf) for item in _POSITIVE}
+        known[ASYMMETRY.name] = (float(ASYMMETRIES[0]), float(ASYMMETRIES[1]))
         pairs = [known.get(name, (-np.inf, np.inf)) for name in self.kept]
         low, high = np.array([*pairs, *[(-OFFSETS_S, OFFSETS_S)] * self.clocks.size]).T
         return low, high

@@ -253,6 +253,8 @@ _ORDER = (
     lagged_runs.ACTUATOR_LAG.name,
     lagged_runs.DELAY.name,
     *lagged_runs.STAGES,
+    *lagged_runs.LAGS_UP_AND_DOWN,
+    lagged_runs.ASYMMETRY.name,
 )
 QUANTITIES = QuantityTable({name: _SPECS[name] for name in _ORDER})
 
@@ -506,15 +508,15 @@ class RotorStates:
     _last: tuple[tuple[float, ...], tuple[BodyMotion, BodyMotion]] | None = None
 
     def at(
-        self, lag_s: float = 0.0, delay_s: float = 0.0, second_stage: float = 0.0
+        self, lag_s: float = 0.0, delay_s: float = 0.0, second_stage: float = 0.0, asymmetry: float = 0.0
     ) -> tuple[BodyMotion, BodyMotion]:
         """What columns are made of at a lag and a delay; the same with means over steps of what drives."""
-        path = (lag_s, delay_s, second_stage)
+        path = (lag_s, delay_s, second_stage, asymmetry)
         if self._last is None or self._last[0] != path:
             thrust_of, weights = input_map(self.flight.input_map), self.vehicle.sums
             step_s = self.flight.signals.step_s
             state, between = (
-                self._moved(lag_s, delay_s + later, second_stage) for later in (0.0, 0.5 * step_s)
+                self._moved(lag_s, delay_s + later, second_stage, asymmetry) for later in (0.0, 0.5 * step_s)
             )
             thrust, halfway = (weights @ thrust_of(item).T for item in (state, between))
             # Simpson's rule: a rotor follows its command smoothly within a step
@@ -544,11 +546,13 @@ class RotorStates:
         """What was logged of the rotors, each rotor's values side by side in memory."""
         return np.asfortranarray(self.flight.signals.family(self.flight.input.name))
 
-    def _moved(self, lag_s: float, delay_s: float, second_stage: float) -> Float[np.ndarray, "n rotors"]:
+    def _moved(
+        self, lag_s: float, delay_s: float, second_stage: float, asymmetry: float
+    ) -> Float[np.ndarray, "n rotors"]:
         step_s = self.flight.signals.step_s
         if self.flight.input.measured:
             return shifted_by(self._logged, step_s=step_s, delay_s=delay_s)
-        path = {"lag_s": lag_s, "delay_s": delay_s, "second_stage": second_stage}
+        path = {"lag_s": lag_s, "delay_s": delay_s, "second_stage": second_stage, "asymmetry": asymmetry}
         return actuator_state(self._logged, step_s=step_s, **path)
 
 

@@ -22,7 +22,15 @@ from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.random_effects import homogeneity_p_value
 from eivor.inference.verdict import Cause, Status
 from eivor.logs.common import low_pass_delay_s
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, STAGES, AxisColumns, LaggedRuns
+from eivor.models.lagged_runs import (
+    ACTUATOR_LAG,
+    ASYMMETRY,
+    DELAY,
+    LAGS_UP_AND_DOWN,
+    STAGES,
+    AxisColumns,
+    LaggedRuns,
+)
 from eivor.models.regression import Parameter
 from eivor.models.separable import NoInstruments, Values, WarmStart
 from eivor.motions.rates.motion import AXES
@@ -69,7 +77,7 @@ from eivor.tools import Complex, Float
 #: An onboard filter runs at its logged rate or so many times its cutoff, whichever is more.
 STEPS_OF_FILTER = 4.0
 
-LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
+LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG, *LAGS_UP_AND_DOWN)
 _FILTERED = "How often the gyroscope's filter runs is not known: "
 
 
@@ -633,10 +641,11 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
         _check_rule("filters"),
         _check_rule("wind", ACROSS),
         *verdict.lag_rules(LAG_LIMIT, wording[EFFECTIVE_LAG]),
+        *(rule for name in LAGS_UP_AND_DOWN for rule in LAG_LIMIT.rules(name, wording[name])),
         *verdict.flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     ]
     for name in wording:
-        if name in (*LAGS, DELAY.name, *STAGES):
+        if name in (*LAGS, DELAY.name, *STAGES, ASYMMETRY.name):
             continue
         # what trades is reported together
         stage = THRUST.name if name == FRICTION.name else name
