@@ -57,7 +57,7 @@ def column_of(parameter, velocity, rates, speeds=(HOVER,) * 4):
     """Column of a parameter for rotors at some speeds."""
     sums = TRUE.sums @ np.array(speeds)[:, None]
     velocity, rates = np.array(velocity)[:, None], np.array(rates)[:, None]
-    of = BodyMotion(TRUE, HOVER, sums, sums, rates[0], velocity, rates)
+    of = BodyMotion(TRUE, HOVER, sums, sums, rates[0], velocity, rates, np.zeros_like(rates))
     return next(term for term in TERMS if term.parameter == parameter).column(of)[0]
 
 

@@ -78,6 +78,26 @@ def test_a_delay_is_told_from_the_lag():
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("coarse_search")
+def test_two_lags_and_a_product_of_inertia_are_identified_or_bounds(flight, fit):
+    truth = {"lag_up": 0.05, "lag_down": 0.08, "product_xz": 0.04, "roll_gain": truth_of(flight)["roll_gain"]}
+    body = CRAZYFLIE.vehicle
+    rotors = replace(body.rotors, lag_up=truth["lag_up"], lag_down=truth["lag_down"])
+    inertia = (*body.inertia[:3], 0.0, truth["product_xz"] * body.inertia[0], 0.0)
+    vehicle = replace(body, inertia=inertia, rotors=rotors)
+    result = identify_flight(body_flown(vehicle=vehicle, duration=20.0, seed=3).recording, model=BODY)
+    for name, true in truth.items():
+        low, high = result.quantities[name].interval
+        assert low <= true <= high
+        assert result.quantities[name].verdict is Status.IDENTIFIED
+    ahead = {(item.model, item.quantity): item.rms[-1] for item in result.multi_step_prediction.errors}
+    assert ahead["fit", "roll rate"] < 0.1 * ahead["unchanged", "roll rate"]
+    for name in ("lag_asymmetry", "product_xy", "product_xz", "product_yz"):
+        low, high = fit.quantities[name].interval
+        assert -0.03 < low <= 0.0 <= high < 0.03
+
+
+@pytest.mark.thorough
 def test_spins_that_contradict_the_data_are_named(flight):
     turned = replace(DELAY_KNOWN.vehicle, spins=tuple(-spin for spin in CRAZYFLIE.vehicle.rotors.spins))
     result = identify_flight(flight.recording, model=RigidBody(turned))

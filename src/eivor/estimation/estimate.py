@@ -90,6 +90,8 @@ class Estimate:
     discretisation: Float[np.ndarray, " n"] | None = None
     #: Parameters and nuisances at another order of the response, which fits as well
     other_order: Mapping[str, float] = field(default_factory=dict)
+    #: Terms of a wider model that the data do not show, with their first steps and standard errors
+    left_out: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     origin: Float[np.ndarray, " n"] | None = None  # What the unknowns are changes of, in linearised equations
 
     def __getstate__(self) -> dict[str, object]:

@@ -30,6 +30,7 @@ from eivor.inference.diagnostics.record import first_stage_of_products
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import LinearSystem, Solution, Solver
 from eivor.linalg.total_least_squares import lost_to_rounding, row_lengths
+from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.regression import LinearProblem, Parameter, Regression
 from eivor.models.separable import LinearisableProblem, Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
@@ -488,18 +489,29 @@ def _minimum(
     )
 
 
-def next_step(
-    method: LinearMethod, estimate: Estimate, problem: SeparableProblem, nuisance: Nuisance
-) -> tuple[float, float]:
-    """First step of a nuisance that is zero so far, and its standard error, without a search."""
-    at = {**estimate.nuisances, nuisance.name: 0.0}
-    weights = method.row_weighting.last_pass(problem, estimate.theta, at)
-    columns = np.column_stack([estimate.nuisance_columns, slope(weights, nuisance, at, estimate.theta)])
-    parameters = (*estimate.joint_parameters, nuisance.parameter)
-    wider = replace(estimate, joint_parameters=parameters, nuisance_columns=columns)
-    equation = wider.equation
-    step = np.linalg.solve(equation.slope, equation.rows.scores.sum(axis=0))[-1]
-    return float(step), wider.std_error(nuisance.name)
+def first_steps(
+    method: LinearMethod, estimate: Estimate, problem: LaggedRuns
+) -> dict[str, tuple[float, float]]:
+    """First step and standard error of what a wider problem has beyond an estimate, without a search."""
+    searched = [item for item in problem.nuisances if item.searched]
+    at = {**{item.name: 0.0 for item in searched}, **estimate.nuisances}
+    known = estimate.parameters
+    theta = np.array([known.get(item.name, 0.0) for item in problem.parameters])
+    weights = method.row_weighting.last_pass(problem, theta, at)
+    solved = method.solve(weights.rows(at))
+    columns = np.column_stack([slope(weights, item, at, solved.theta) for item in searched])
+    parameters = (*problem.parameters, *(item.parameter for item in searched))
+    wider = replace(
+        solved,
+        joint_parameters=parameters,
+        nuisance_columns=columns,
+        known=known_misfits(problem.nuisances, at)[1],
+        covariance_estimator=estimate.covariance_estimator,
+    )
+    equation, starts = wider.equation, np.pad(solved.theta, (0, len(searched)))
+    steps = starts + np.linalg.solve(equation.slope, equation.rows.scores.sum(axis=0))
+    pairs = zip(parameters, steps.tolist(), strict=True)
+    return {item.name: (step, wider.std_error(item.name)) for item, step in pairs if item.name not in known}
 
 
 def slope(

@@ -113,6 +113,12 @@ class Number:
     source: str = "identified"
 
     @property
+    def excludes_zero(self) -> bool:
+        """Whether the interval does."""
+        low, high = self.interval
+        return not low <= 0.0 <= high
+
+    @property
     def words(self) -> str:
         """Value, interval and source."""
         low, high = self.interval
@@ -196,7 +202,7 @@ class Fitted:
         """Sentences about what is identified and a target has no place for."""
         for name in self.quantities:
             number = self.identified_number(name) if name in names else None
-            if number is not None:
+            if number is not None and number.excludes_zero:
                 words = name.replace("_", " ")
                 yield f"{target} has no {words}, and {name} {number.value:.4g} not in this file."
 

@@ -24,6 +24,7 @@ from eivor.motions.rigid_body.physical_parameters import (
     differs_from_zero,
     physical_parameters,
 )
+from eivor.motions.rigid_body.regression import PRODUCT
 from eivor.motions.rigid_body.vehicle import (
     NO_BODY_UNCERTAINTY,
     BodyDrag,
@@ -167,7 +168,7 @@ def realisable_inertia(values: Columns) -> tuple[Columns, tuple[str, ...]]:
 # -- Vehicle description --
 
 #: What is identified, no simulator has, and no free flight of half a second shows.
-ELSEWHERE = ("ground_effect", "voltage_exponent")
+ELSEWHERE = ("ground_effect", "voltage_exponent", *(item.name for item in PRODUCT))
 #: Name in documents of the other motion that identifies a vehicle.
 RIGID_BODY = "rigid_body"
 #: What no vehicle flies without, beside mass and geometry.
@@ -189,7 +190,7 @@ MADE_OF = {
         "lag_asymmetry": "lag_asymmetry",
     },
 }
-#: What few flights look for.
+#: What few flights show: left out where the interval holds zero.
 RARE = ("quadratic_drag_z", "second_lag", "lag_asymmetry")
 #: What may be given with --prior beside these.
 BESIDE = (*INERTIAS, "torque_ratio", "largest_command", "speed_scale")
@@ -404,7 +405,7 @@ def _parts(
         if root_number is None:
             if name not in RARE or root in fitted.quantities:
                 missing[name] = (root,)
-        elif name not in RARE[:2] or root_number.value > 0.0:
+        elif name not in RARE or root_number.excludes_zero:
             parts[name] = _root(root_number, name, root, given["mass"], vehicle.count)
     return parts, missing, tuple(bounds)
 

@@ -310,6 +310,27 @@ class LaggedRuns(SeparableProblem):
         vars(result).update(_bin_layout=self._bin_layout, _memo=self._memo)
         return result
 
+    def with_fixed(
+        self,
+        parameters: tuple[Parameter, ...],
+        added: Sequence[Float[np.ndarray, "n k"]],
+        *,
+        noisier: LaggedRuns | None,
+        warm_start: WarmStart | None,
+    ) -> LaggedRuns:
+        """The same runs with more fixed columns; no spectrum is made twice."""
+        pairs, still = zip(self.columns, added, strict=True), self.still
+        columns = tuple(replace(item, fixed=np.hstack([item.fixed, more])) for item, more in pairs)
+        every = (*self.parameters[:still], *parameters, *self.parameters[still:])
+        result = replace(self, columns=columns, parameters=every, noisier=noisier, warm_start=warm_start)
+        blocks = [more[run] for item, more in zip(self.columns, added, strict=True) for run in item.runs]
+        runs = zip(self._bin_layout.runs, blocks, strict=True)
+        responses, fixed, instruments = self._fixed_bins
+        whole = np.hstack([fixed, np.concatenate([run.spectrum(block) for run, block in runs])])
+        made = {"_bin_layout": self._bin_layout, "_fixed_bins": (responses, whole, instruments)}
+        vars(result).update(made, _memo=self._memo)
+        return result
+
     def combined(
         self,
         columns: tuple[AxisColumns, ...],

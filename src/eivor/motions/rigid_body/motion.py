@@ -10,7 +10,7 @@ import numpy as np
 
 from eivor.errors import InputError, UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod, next_step
+from eivor.estimation.linear import LinearMethod, first_steps
 from eivor.estimation.methods import by_name
 from eivor.flights import motion
 from eivor.flights.grid import Active, Grid
@@ -19,6 +19,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.quantity import Implications, QuantityEstimate, Trace, Words, flight_card
 from eivor.flights.timestamps import with_corrected_stamps
+from eivor.inference.distributions import normal_quantile
 from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
@@ -38,6 +39,7 @@ from eivor.motions.rigid_body.regression import (
     FORCE_X_EQUATION,
     FORCE_Z_EQUATION,
     FRICTION,
+    PRODUCT,
     QUADRATIC_DRAG,
     QUANTITIES,
     TURNING,
@@ -291,28 +293,36 @@ def refined_band(
     return whole, estimate
 
 
-#: Lags up and down differ where their asymmetry is so many standard errors from none: Akaike's criterion.
-ASYMMETRY_ERRORS = 2.0
+#: A term stays where it is so many standard errors from none: Akaike's criterion falls by 2.
+TERM_ERRORS = 2.0
 
 
-def refined_lags(
+def refined_structure(
     problem: LaggedRuns, estimate: Estimate, estimated: Callable[[LaggedRuns], Estimate]
-) -> tuple[LaggedRuns, Estimate]:
-    """The problem with a lag upward and another downward, and its estimate, where the flights show two."""
-    method, usual = by_name(estimate.method), len(LAG_SUMS[EFFECTIVE_LAG])
-    if not isinstance(method, LinearMethod) or ACTUATOR_LAG.name not in estimate.names:
-        return problem, estimate
-    if len(problem.nuisances) > usual:  # a second stage is searched for
-        return problem, estimate
-    nuisance = Nuisance(ASYMMETRY, ASYMMETRIES, tolerance=1e-4)
-    uneven = replace(problem, nuisances=(*problem.nuisances, nuisance))
-    step, error = next_step(method, estimate, uneven, nuisance)
-    if not abs(step) > ASYMMETRY_ERRORS * error:
-        return problem, estimate
-    values = {**estimate.nuisances, ASYMMETRY.name: float(np.clip(step, *ASYMMETRIES))}
-    nuisances = tuple(_around(item, values[item.name]) for item in uneven.nuisances)
-    uneven = replace(uneven, nuisances=nuisances, warm_start=WarmStart(estimate.theta, values))
-    return uneven, estimated(uneven)
+) -> tuple[LaggedRuns, Estimate, Mapping[str, tuple[float, float]]]:
+    """With two lags and products of inertia where the flights show them; steps of those left out."""
+    method = by_name(estimate.method)
+    if not isinstance(method, LinearMethod):
+        return problem, estimate, {}
+    wider = verdict.with_products(problem, estimate.parameters, PRODUCT)
+    if set(estimate.nuisances) == {*LAG_SUMS[EFFECTIVE_LAG]} and ACTUATOR_LAG.name in estimate.names:
+        uneven = Nuisance(ASYMMETRY, ASYMMETRIES, tolerance=1e-4)
+        wider = replace(wider, nuisances=(*problem.nuisances, uneven))
+    steps = first_steps(method, estimate, wider)
+    kept = {name: step for name, (step, error) in steps.items() if abs(step) > TERM_ERRORS * error}
+    left_out = {name: pair for name, pair in steps.items() if name not in kept}
+    if not kept:
+        return problem, estimate, left_out
+    values = {**estimate.parameters, **estimate.nuisances, **kept}
+    chosen = [item for item in PRODUCT if item.name in kept]
+    made = verdict.with_products(problem, estimate.parameters, chosen)
+    if ASYMMETRY.name in kept:
+        values[ASYMMETRY.name] = float(np.clip(kept[ASYMMETRY.name], *ASYMMETRIES))
+        made = replace(made, nuisances=tuple(_around(item, values[item.name]) for item in wider.nuisances))
+    theta = np.array([values[item.name] for item in made.parameters])
+    nuisances = {item.name: values[item.name] for item in made.nuisances}
+    made = replace(made, warm_start=WarmStart(theta, nuisances))
+    return made, estimated(made), left_out
 
 
 def _around(nuisance: Nuisance, value: float) -> Nuisance:
@@ -380,6 +390,12 @@ def settled(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) ->
     return replace(result, mask=result.mask & converged)
 
 
+def _bound(step: float, error: float) -> QuantityEstimate:
+    """What the first step of a term that is left out says of it."""
+    half = normal_quantile(0.95) * error
+    return QuantityEstimate(step, "", error, (step - half, step + half))
+
+
 def excitation(flights: motion.Flights) -> str:
     """Standard deviations of the rates."""
     roll, pitch, yaw = rates_std(flights, AXES)
@@ -390,9 +406,11 @@ def excitation(flights: motion.Flights) -> str:
 def refined(
     problem: LaggedRuns, solve: motion.Solver[LaggedRuns], _options: FlightOptions, /
 ) -> tuple[LaggedRuns, Estimate]:
-    """With one inertia of the rotors where the flights identify it, and with lags up and down likewise."""
-    linked = verdict.refined_rotor_inertia(problem, solve)
-    return refined_band(*refined_lags(*linked, solve), solve)
+    """With the structure that the flights show, and one inertia of the rotors where they identify it."""
+    problem, estimate, left_out = refined_structure(problem, solve(problem), solve)
+    linked = verdict.refined_rotor_inertia(problem, estimate, solve)
+    problem, estimate = refined_band(*linked, solve)
+    return problem, replace(estimate, left_out=left_out)
 
 
 @dataclass(frozen=True)
@@ -465,6 +483,7 @@ class RigidBody(motion.Motion[LaggedRuns]):
             **verdict.gyroscopic_moments(problem, joint),
             **viscous_friction(problem, estimate),
             **lag_quantities(problem, estimate),
+            **{name: _bound(*pair) for name, pair in estimate.left_out.items()},
         }
         return {name: results[name] for name in QUANTITIES if name in results}
 

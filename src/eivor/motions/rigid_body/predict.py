@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -30,6 +30,8 @@ from eivor.motions.rigid_body.dynamics import (
 from eivor.motions.rigid_body.regression import (
     DRAG,
     GAIN,
+    PAIRS,
+    PRODUCT,
     QUADRATIC_DRAG,
     REACTION,
     TERMS,
@@ -41,7 +43,7 @@ from eivor.motions.rigid_body.regression import (
     hover_state,
     usual_state,
 )
-from eivor.motions.rigid_body.vehicle import KnownVehicle
+from eivor.motions.rigid_body.vehicle import KnownVehicle, inertia_shares
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
@@ -128,14 +130,17 @@ class StatePropagator:
         states = self._states[:, self._timing[:, None], now].reshape(7, -1)
         force = self._forces[:, :, now].reshape(6, -1)
         rotors = states, states, states[6]  # of what answers neither thrust nor spin-up counts
-        of = BodyMotion(self.vehicle, self._usual, *rotors, self._velocity(body, rows), body[10:13])
+        velocity, rates = self._velocity(body, rows), body[10:13]
+        of = BodyMotion(self.vehicle, self._usual, *rotors, velocity, rates, np.zeros_like(rates))
         for term, values in self._answering:
             force[term.equation] += values * term.column(of)
-        velocity = np.zeros_like(body[3:6])
+        if self._coupled is not None:
+            force[:3] = self._coupled(of, force[:3])
+        change = np.zeros_like(body[3:6])
         if self.lifts and self.logged.moves:
-            velocity = np.stack([a * force[3] + b * force[4] + c * force[5] for a, b, c in rows])
-            velocity[2] -= GRAVITY
-        return kinematics(body, velocity, force[:3] * np.array(self.turns)[:, None])
+            change = np.stack([a * force[3] + b * force[4] + c * force[5] for a, b, c in rows])
+            change[2] -= GRAVITY
+        return kinematics(body, change, force[:3] * np.array(self.turns)[:, None])
 
     def propagate(
         self, body: Float[np.ndarray, "13 #models starts"]
@@ -166,6 +171,28 @@ class StatePropagator:
         """Terms that answer the state, with their values for every start of every model."""
         count = self.starts.samples.size
         return [(term, np.repeat(values, count)) for term, values in self._terms if not term.driving]
+
+    @cached_property
+    def _coupled(self) -> Callable[[BodyMotion, np.ndarray], np.ndarray] | None:
+        """What turning is where axes are coupled by products of inertia; None of models without."""
+        products = np.array([[item.get(entry.name, 0.0) for item in self.models] for entry in PRODUCT])
+        if not products.any():
+            return None
+        shares = np.array([inertia_shares(item) for item in self.models])
+        inverse, count = np.tile(np.eye(3), (len(self.models), 1, 1)), self.starts.samples.size
+        for pair, (i, j) in enumerate(PAIRS):
+            inverse[:, i, j], inverse[:, j, i] = shares[:, i] * products[pair], shares[:, j] * products[pair]
+        coupling, of_starts = np.linalg.inv(inverse), np.repeat(products, count, axis=1)
+        scaled = np.repeat(shares.T, count, axis=1)
+
+        def turning(of: BodyMotion, force: Float[np.ndarray, "3 states"]) -> Float[np.ndarray, "3 states"]:
+            for axis in range(3):
+                left = sum(of_starts[pair] * of.by_product(axis, pair) for pair in range(len(PAIRS)))
+                force[axis] += scaled[axis] * left
+            split = force.reshape(3, len(coupling), count)
+            return np.einsum("mij,jms->ims", coupling, split).reshape(force.shape)
+
+        return turning
 
     @cached_property
     def _nodes(self) -> list[tuple[float, ...]]:

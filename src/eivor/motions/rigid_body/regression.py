@@ -62,6 +62,10 @@ GAIN = tuple(
 )
 OFFSET = (Parameter("roll_offset", "rad/s^2"), Parameter("pitch_offset", "rad/s^2"))
 REACTION = Parameter("rotor_reaction", "")
+#: Elements of the inertia matrix off its diagonal, over Ixx; minus the products of inertia.
+PRODUCT = tuple(Parameter(f"product_{pair}", "") for pair in ("xy", "xz", "yz"))
+#: Rows and columns of these elements.
+PAIRS = ((0, 1), (0, 2), (1, 2))
 THRUST = Parameter("thrust_gain", "m/s^2")
 
 
@@ -76,6 +80,14 @@ class BodyMotion:
     spin_up: Series  # Derivative in time of the states with their spins
     velocity: Float[np.ndarray, "3 n"]
     rates: Float[np.ndarray, "3 n"]
+    turning: Float[np.ndarray, "3 n"]  # Derivative of the rates in time
+
+    def by_product(self, axis: int, pair: int) -> Series:
+        """What an element of the inertia matrix off its diagonal leaves of an axis' turning."""
+        (i, j), (after, last) = PAIRS[pair], ((axis + 1) % 3, (axis + 2) % 3)
+        momentum, change = np.zeros_like(self.rates), np.zeros_like(self.rates)
+        momentum[[i, j]], change[[i, j]] = self.rates[[j, i]], self.turning[[j, i]]
+        return momentum[after] * self.rates[last] - momentum[last] * self.rates[after] - change[axis]
 
     def dragged(self, axis: int) -> Series:
         """Sum over the rotors of usual states times the velocity at each: along an axis, or about one."""
@@ -233,6 +245,11 @@ def _spec(term: RigidTerm) -> QuantitySpec:
 
 
 _SPECS = {term.parameter.name: _spec(term) for term in TERMS} | {
+    **{
+        item.name: QuantitySpec(f"inertia {pair}", f"I_{pair}/I_xx", "", optional=True)
+        for item in PRODUCT
+        for pair in (item.name[-2:],)
+    },
     **LAG_QUANTITIES,
     EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], headline=True, in_rows=True),
     FRICTION.name: QuantitySpec(
@@ -252,6 +269,7 @@ _ORDER = (
     *(item.name for item in (*_PARAMETERS, *GYROSCOPIC_MOMENT, REACTION, *OFFSET)),
     lagged_runs.ACTUATOR_LAG.name,
     lagged_runs.DELAY.name,
+    *(item.name for item in PRODUCT),
     *lagged_runs.STAGES,
     *lagged_runs.LAGS_UP_AND_DOWN,
     lagged_runs.ASYMMETRY.name,
@@ -407,7 +425,8 @@ class AxisInstruments:
         velocity = np.zeros_like(rates) if known is None else known.T
         commands = self.vehicle.sums @ signals.family(self.flight.input.name).T
         unchanged = np.zeros(signals.sample_count)
-        return BodyMotion(self.vehicle, 1.0, commands, commands, unchanged, velocity, rates)
+        turning = np.stack([time_derivative(rate, signals.step_s) for rate in rates])
+        return BodyMotion(self.vehicle, 1.0, commands, commands, unchanged, velocity, rates, turning)
 
     def _turning(self, axis: int, moving: RotorColumns) -> Float[np.ndarray, "n p"]:
         """Columns for several lags, and what couplings, spins, drag and lift turn in the predicted flight."""
@@ -421,6 +440,7 @@ class AxisInstruments:
         of, known = self._motion, set(NEEDED) <= set(self._predicted.signals.channels)
         names = {COUPLING[axis], *GYROSCOPIC_MOMENT, *(LIFT_MOMENT if known else ())}
         turned = [term.column(of) for term in TERMS if term.equation == axis and term.parameter in names]
+        turned += [of.by_product(axis, pair) for pair in range(len(PRODUCT))]
         dragged = of.velocity[list(ALONG_OTHERS[axis])] if known else ()
         return np.column_stack([*columns, *turned, *dragged])
 
@@ -522,7 +542,7 @@ class RotorStates:
             # Simpson's rule: a rotor follows its command smoothly within a step
             mean, states = (before(thrust) + 4.0 * halfway + thrust) / 6.0, weights @ state.T
             now = states, thrust, time_derivative(states[6], step_s)
-            of = BodyMotion(self.vehicle, self.usual, *now, self.velocity, self.rates)
+            of = BodyMotion(self.vehicle, self.usual, *now, self.velocity, self.rates, self.turning)
             means = replace(of, thrust=mean, spin_up=change_over_step(states[6], step_s))
             self._last = path, (of, means)
         return self._last[1]
@@ -530,6 +550,10 @@ class RotorStates:
     @cached_property
     def rates(self) -> Float[np.ndarray, "3 n"]:
         return np.stack([self.flight.signals.channel(axis.rate) for axis in AXES])
+
+    @cached_property
+    def turning(self) -> Float[np.ndarray, "3 n"]:
+        return np.stack([time_derivative(rate, self.flight.signals.step_s) for rate in self.rates])
 
     @cached_property
     def velocity(self) -> Float[np.ndarray, "3 n"]:

@@ -28,12 +28,25 @@ PITCH_OVER_ROLL = "roll_gain / pitch_gain"
 YAW_OVER_ROLL = (f"{PITCH_OVER_ROLL} - roll_coupling", f"1 + pitch_coupling * {PITCH_OVER_ROLL}")
 
 
+#: Of no vehicle Izz is less than this share of Ixx.
+LEAST_YAW = 0.2
+
+
 def inertia_ratios(values: Mapping[str, float]) -> tuple[float, float]:
     """Izz / Ixx and Izz / Iyy by gains and couplings, by name; of both couplings the mean."""
     roll_gain, pitch_gain, roll_coupling, pitch_coupling = (values[name] for name in OF_INERTIAS)
     pitch_over_roll = roll_gain / pitch_gain
     over_roll = 0.5 * (pitch_over_roll - roll_coupling + 1.0 + pitch_coupling * pitch_over_roll)
     return over_roll, over_roll / pitch_over_roll
+
+
+def inertia_shares(values: Mapping[str, float]) -> tuple[float, float, float]:
+    """Ixx over the inertia about each axis, within what bodies have; one where gains are not above zero."""
+    if not min(values[name] for name in OF_INERTIAS[:2]) > 0.0:
+        return 1.0, 1.0, 1.0
+    yaw_over_roll, yaw_over_pitch = inertia_ratios(values)
+    pitch = yaw_over_roll / yaw_over_pitch
+    return 1.0, 1.0 / pitch, 1.0 / min(max(yaw_over_roll, abs(1.0 - pitch), LEAST_YAW), 1.0 + pitch)
 
 
 _REMEDY = "Correct the vehicle's description."

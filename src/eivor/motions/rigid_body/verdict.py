@@ -49,6 +49,7 @@ from eivor.motions.rigid_body.regression import (
     GYROSCOPIC_MOMENT,
     LIFT,
     PITCH_EQUATION,
+    PRODUCT,
     QUADRATIC_DRAG,
     REACTION,
     ROLL_EQUATION,
@@ -58,6 +59,7 @@ from eivor.motions.rigid_body.regression import (
     RotorColumns,
     RotorStates,
     hover_state,
+    mean_over_step,
     on_body_axes,
     rigid_body_problem,
 )
@@ -67,6 +69,7 @@ from eivor.motions.rigid_body.vehicle import (
     YAW_OVER_ROLL,
     KnownVehicle,
     inertia_ratios,
+    inertia_shares,
 )
 from eivor.signals.filters import time_derivative
 from eivor.signals.thrust_map import input_map
@@ -107,10 +110,9 @@ _SPINS = (*(item.name for item in GYROSCOPIC_MOMENT), REACTION.name)
 
 
 def refined_rotor_inertia(
-    problem: LaggedRuns, estimated: Callable[[LaggedRuns], Estimate]
+    problem: LaggedRuns, free: Estimate, estimated: Callable[[LaggedRuns], Estimate]
 ) -> tuple[LaggedRuns, Estimate]:
     """The problem with one inertia of the rotors where the flights identify that there is one."""
-    free = estimated(problem)
     ratios = identified_ratios(free)
     if ratios is None:
         return problem, free
@@ -181,6 +183,24 @@ def with_common_rotor_inertia(
     return problem.combined(tuple(columns), kept, combination, noisier=noisier, warm_start=started)
 
 
+def with_products(
+    problem: LaggedRuns, values: Values, chosen: Sequence[Parameter], warm_start: WarmStart | None = None
+) -> LaggedRuns:
+    """The same problem with columns of what elements of the inertia matrix off its diagonal do."""
+    if not chosen:
+        return problem
+    shares, added = inertia_shares(values), []
+    for item in problem.columns:
+        columns = np.zeros((item.fixed.shape[0], len(chosen)))
+        if item.axis < FORCE_X_EQUATION and isinstance(item.moving, RotorColumns):
+            of, share = item.moving.states.at()[0], shares[item.axis]
+            for index, entry in enumerate(chosen):
+                columns[:, index] = share * mean_over_step(of.by_product(item.axis, PRODUCT.index(entry)))
+        added.append(columns)
+    noisier = None if problem.noisier is None else with_products(problem.noisier, values, chosen)
+    return problem.with_fixed(tuple(chosen), added, noisier=noisier, warm_start=warm_start)
+
+
 def rotor_inertia_ratios(problem: LaggedRuns) -> tuple[float, float] | None:
     """Ratios by which a problem's columns of rotors that spin are one; None where they are three."""
     moving = problem.columns[0].moving
@@ -246,12 +266,15 @@ def contradicting_filters(with_all: float, without: Mapping[str, float]) -> Cont
 
 def _remade(
     problem: LaggedRuns,
+    estimate: Estimate,
     columns: Sequence[AxisColumns],
     flights: Sequence[PreparedFlight],
     vehicle: KnownVehicle,
 ) -> tuple[AxisColumns, ...]:
     """Columns made anew of other flights or another vehicle, with the instruments and bands of a problem."""
     made, spin = rigid_body_problem(tuple(flights), vehicle, NoInstruments()), rotor_inertia_ratios(problem)
+    chosen = [item for item in PRODUCT if item in problem.parameters]
+    made = with_products(made, estimate.parameters, chosen)
     made = made if spin is None else with_common_rotor_inertia(made, spin)
     pairs = zip(made.columns, columns, strict=True)
     return tuple(replace(new, instruments=old.instruments, band_hz=old.band_hz) for new, old in pairs)
@@ -286,7 +309,9 @@ def filters_not_passed(
     for key in named:
         # for a vehicle without one of its filters; instruments and nuisances stay
         unfiltered: KnownVehicle = replace(vehicle, **{key: None})  # type: ignore[arg-type]
-        without[key] = disagreement(_remade(problem, of_flight, flights[number : number + 1], unfiltered))
+        without[key] = disagreement(
+            _remade(problem, estimate, of_flight, flights[number : number + 1], unfiltered)
+        )
     without = {key: J for key, J in without.items() if FAR_BETTER * with_all > J}
     return contradicting_filters(with_all, without) if without else None
 
@@ -532,7 +557,7 @@ def half_widths_by_wind(
     at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
 
     def by(flying: Sequence[PreparedFlight]) -> Float[np.ndarray, " k"]:
-        columns = _remade(problem, problem.columns, flying, vehicle)
+        columns = _remade(problem, estimate, problem.columns, flying, vehicle)
         runs = replace(problem, columns=columns, nuisances=at, warm_start=None)
         return identify(runs, by_name(estimate.method)).theta
 
