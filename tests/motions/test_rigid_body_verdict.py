@@ -300,17 +300,6 @@ def test_what_comes_back_through_the_controller_cancels_in_it():
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_search")
-def test_rotors_that_slow_down_later_than_they_speed_up_are_weak():
-    """Couplings came out twice as large, and were called identified."""
-    rotors = replace(ROTORS, lag_up=0.03, lag_down=0.05)
-    vehicle = replace(CRAZYFLIE.vehicle, rotors=rotors)
-    flight = identify_flight(body_flown(vehicle=vehicle, duration=15.0, seed=1).recording, model=DELAY_KNOWN)
-    assert "The references disagree" in " ".join(flight.verdict.sentences)
-    assert {flight.quantities[f"{axis}_coupling"].verdict for axis in ("roll", "pitch")} == {Status.WEAK}
-
-
-@pytest.mark.thorough
 def test_axes_agree_in_calm_air(monkeypatch):
     calm = identify_flight(body_flown(duration=15.0, seed=2).recording, model=BODY, method=DIRECT)
     assert verdict.lag_consistency_test(calm.fit.estimate) is None
