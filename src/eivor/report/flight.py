@@ -23,13 +23,14 @@ from eivor.logs.read import log_format
 from eivor.report import document as doc
 from eivor.report.card import answered_reasons, quantities_with_number, result_card
 from eivor.report.rows import (
+    BOUND,
     NO_NUMBER,
     QuantityRow,
     bounded_numbers,
+    holds_zero,
     plain_numbers,
     quantity_rows,
     symbol_of,
-    verdict_label,
 )
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
@@ -413,9 +414,11 @@ def _implied(implications: Implications) -> Iterator[doc.Part]:
     rows = []
     for number in implications.numbers:
         if number.value is not None and number.interval is not None:
-            verdict = doc.Cell(verdict_label(number.verdict, number.interval), status=number.verdict)
+            label = BOUND if holds_zero(number.interval) else number.verdict.label
+            verdict = doc.Cell(label, status=number.verdict)
             numbers = bounded_numbers(number.value, number.interval)
-            rows.append((number.words, number.symbol, *numbers, number.unit, verdict))
+            unit = number.unit.replace("^2", "²")
+            rows.append((number.words, number.symbol, *numbers, unit, verdict))
     if rows:
         yield doc.table(("", "", *NUMBER_COLUMNS, "verdict"), rows)
     text = (f"{number.words}: {number.sentence}" for number in implications.numbers if number.value is None)

@@ -33,7 +33,7 @@ SHAPES = {
 #: Numbers with a power of ten, which a browser would break after their hyphen.
 _POWERS = re.compile(r"(\[?-?[\d.]{1,20}e-\d{1,3}[\],]?)")
 #: What stands below the line in a symbol, such as the u of K_u.
-_SUBSCRIPTS = re.compile(r"(?<=\b[A-Za-zτ])_(\w{1,3})\b(?![.\w])")
+_SUBSCRIPTS = re.compile(r"(?<=\b[A-Za-zα-ω])_(\w{1,4})\b(?![.\w])")
 
 
 @cache

@@ -479,7 +479,9 @@ def _number(parameter: PhysicalParameter, combinations: Combinations, known: Kno
         (low, high), value, symbol, unit = result.interval, result.value, formula.symbol, formula.unit
         if formula is fullest and not parameter.refusal:
             identified, weak = WIDE_AIR if name in OF_THE_AIR else WIDE
-            share = 0.5 * (high - low) / abs(value) if low * high > 0.0 else math.inf
+            size = abs(value) if low * high > 0.0 else 0.0
+            size = max(size, known.arm) if name.startswith("centre_of_mass") else size
+            share = 0.5 * (high - low) / size if size else math.inf
             rough = Status.WEAK if share <= weak else Status.REFUSED
             status, basis = Status.IDENTIFIED if share <= identified else rough, [parameter.remark]
             if formula.supplied:
