@@ -194,6 +194,16 @@ class Validation:
             return f"{text}; {' and '.join(better)} leave{'s' if len(better) == 1 else ''} less."
         return f"{text}{', and leaves less than the simpler models' if others else ''}."
 
+    def summary(self) -> str:
+        """Errors of every prediction as plain text."""
+        lines = [self._title, self.sentence]
+        for what, by, rms, unit, share in _rows(self):
+            lines.append(f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}")
+        steps = self.multi_step_prediction
+        for what, by, unit, *errors in prediction_rows(steps) if steps else ():
+            lines.append(f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in errors)}")
+        return "\n".join(lines)
+
     @property
     def _title(self) -> str:
         return f"{self.motion.words.title}, {self.flight.recording.name}"
@@ -373,6 +383,7 @@ def _of_model(name: str, words: str, record: PredictedQuantity, flight: Prepared
 
 
 def _runs(flight: PreparedFlight) -> list[slice]:
+    """Samples of each run, among those that are predicted."""
     lengths = [samples.size for samples in flight.samples_of_runs]
     return [slice(stop - n, stop) for n, stop in zip(lengths, np.cumsum(lengths).tolist(), strict=True)]
 
