@@ -573,6 +573,31 @@ def half_widths_by_wind(
     return dict(zip(estimate.names, halves, strict=False))
 
 
+# -- Weak instruments --
+
+
+def weak_shifts(estimate: Estimate) -> dict[str, float]:
+    """By how much each parameter may lie towards least squares: what that changes, over F - 1."""
+    if not estimate.assembler.needs_instruments:
+        return {}
+    known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
+    rows = np.vstack([estimate.jacobian, known])
+    residual, sizes = np.pad(estimate.residuals, (0, len(known))), np.linalg.norm(rows, axis=0)
+    changes = np.linalg.lstsq(rows / sizes, residual)[0] / sizes
+    # of two-stage least squares the bias is the share 1 / F of that of least squares (Staiger and Stock 1997)
+    strengths = np.maximum(estimate.first_stage - 1.0, 1e-9)
+    results: dict[str, float] = dict(zip(estimate.names, (changes / strengths).tolist(), strict=True))
+    lag = results.get(ACTUATOR_LAG.name, 0.0)
+    together = {EFFECTIVE_LAG: lag + results.get(DELAY.name, 0.0)} | dict.fromkeys(LAGS_UP_AND_DOWN, lag)
+    return {**results, **together}
+
+
+def _weak_sentence(inputs: verdict.VerdictInputs) -> str:
+    name, F = min(inputs.first_stage.items(), key=lambda item: item[1])
+    words = f"first-stage F is {F:.3g} for the {name.replace('_', ' ')}"
+    return f"Estimates lie the more towards least squares, the weaker the instruments are: {words}."
+
+
 @dataclass(frozen=True, slots=True)
 class RigidBodyChecks(verdict.MotionChecks):
     """Where a flight contradicts the vehicle file, its own axes or calm air; None where it does not."""
@@ -583,6 +608,7 @@ class RigidBodyChecks(verdict.MotionChecks):
     filters: Contradiction | None = None
     filter_early_s: float = 0.0  # By what the gyroscope's filter may be less late than it is taken to be [s]
     by_wind: Mapping[str, float] = field(default_factory=dict)  # Half-widths by the errors of winds
+    towards: Mapping[str, float] = field(default_factory=dict)  # See `weak_shifts`
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -640,6 +666,15 @@ PARTS = (
         "The wind by the airspeed has an error of its own.",
     ),
     verdict.SystematicPart(
+        (*LAGS, DELAY.name, *(term.parameter.name for term in TERMS)),
+        Counts.ADDED,
+        lambda inputs, name: (
+            max(inputs.checks.towards.get(name, 0.0), 0.0),
+            max(-inputs.checks.towards.get(name, 0.0), 0.0),
+        ),
+        _weak_sentence,
+    ),
+    verdict.SystematicPart(
         tuple(item.name for item in GAIN),
         Counts.ADDED,
         lambda inputs, name: (_early(inputs) * abs(inputs.value(name)), 0.0),
@@ -667,14 +702,12 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
         _check_rule("wind", ACROSS),
         *verdict.lag_rules(LAG_LIMIT, wording[EFFECTIVE_LAG]),
         *(rule for name in LAGS_UP_AND_DOWN for rule in LAG_LIMIT.rules(name, wording[name])),
-        *verdict.flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
+        *verdict.flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), ()),
     ]
     for name in wording:
         if name in (*LAGS, DELAY.name, *STAGES, ASYMMETRY.name):
             continue
-        # what trades is reported together
-        stage = THRUST.name if name == FRICTION.name else name
-        rules += verdict.flight_rules(FLIGHT_WORDS, (name,), (stage, ACTUATOR_LAG.name), stage)
+        rules += verdict.flight_rules(FLIGHT_WORDS, (name,), ())
         if name in _GAINS:
             plain, wrong = replace(wording[name], unit=""), _what_is_wrong(name)
             rules.append(verdict.below_zero_rule(name, plain, Status.REFUSED, wrong, CORRECT_ROTORS))
