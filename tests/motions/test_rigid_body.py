@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from coarse_search import coarse
+from eivor.flights.lag_prior import NO_LAG
 from eivor.flights.motion import of_vehicle
 from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
@@ -97,6 +98,12 @@ def test_two_lags_and_a_product_of_inertia_are_identified_or_bounds(flight, fit)
     for name in ("lag_asymmetry", "product_xy", "product_xz", "product_yz"):
         low, high = fit.quantities[name].interval
         assert -0.03 < low <= 0.0 <= high < 0.03
+
+
+@pytest.mark.thorough
+def test_without_a_lag_and_with_a_known_delay_nothing_is_searched_for(flight):
+    result = identify_flight(flight.recording, model=DELAY_KNOWN, lag=NO_LAG)
+    assert result.quantities["actuator_lag"].value == 0.0
 
 
 @pytest.mark.thorough

@@ -499,7 +499,8 @@ def first_steps(
     theta = np.array([known.get(item.name, 0.0) for item in problem.parameters])
     weights = method.row_weighting.last_pass(problem, theta, at)
     solved = method.solve(weights.rows(at))
-    columns = np.column_stack([slope(weights, item, at, solved.theta) for item in searched])
+    slopes = [slope(weights, item, at, solved.theta) for item in searched]
+    columns = np.column_stack([np.empty((solved.rows.response.size, 0)), *slopes])
     parameters = (*problem.parameters, *(item.parameter for item in searched))
     wider = replace(
         solved,

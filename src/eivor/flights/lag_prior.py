@@ -97,6 +97,14 @@ def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
     return QuantityEstimate(1.0 / of.value, unit, of.std_error / of.value**2, interval)
 
 
+def _lag_along(estimate: Estimate, value: float, direction: Float[np.ndarray, " n"]) -> QuantityEstimate:
+    """A lag with a gradient by the joint vector."""
+    covariance = estimate.joint_covariance
+    half = covariance.half_width(direction, LEVEL)
+    interval = (value - half, value + half)
+    return QuantityEstimate(value, "s", covariance.std_error(direction), interval, lowest=0.0)
+
+
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, QuantityEstimate]:
     """Lag, delay and their sum, zero for what was not searched for; two lags in series, or up and down."""
     joint = joint_quantities(estimate)
@@ -105,10 +113,7 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
     lag, delay = joint[ACTUATOR_LAG.name], joint[DELAY.name]
     value, searched = lag.value + delay.value, [name for name in LAG_SUMS[EFFECTIVE_LAG] if name not in fixed]
     if len(searched) == 2:
-        covariance = estimate.joint_covariance
-        direction = np.sum([*map(estimate.direction, searched)], axis=0)
-        half, error = covariance.half_width(direction, LEVEL), covariance.std_error(direction)
-        effective = QuantityEstimate(value, "s", error, (value - half, value + half), lowest=0.0)
+        effective = _lag_along(estimate, value, np.sum([*map(estimate.direction, searched)], axis=0))
     else:
         alone = joint[searched[0]] if searched else lag
         low, high = (end + (value - alone.value) for end in alone.interval)
@@ -123,14 +128,12 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
         quantities[SECOND_LAG] = QuantityEstimate(second, "s", error, (low, high), lowest=0.0)
         quantities[SECOND_STAGE.name] = stage
     if ASYMMETRY.name in joint:
-        quantities[ASYMMETRY.name], covariance = joint[ASYMMETRY.name], estimate.joint_covariance
+        quantities[ASYMMETRY.name] = joint[ASYMMETRY.name]
         for name, sign in zip(LAGS_UP_AND_DOWN, (1.0, -1.0), strict=True):
             share = 1.0 / (1.0 + sign * joint[ASYMMETRY.name].value)
             by_lag, by_asymmetry = map(estimate.direction, (ACTUATOR_LAG.name, ASYMMETRY.name))
             direction = share * by_lag - sign * lag.value * share**2 * by_asymmetry
-            value, half = share * lag.value, covariance.half_width(direction, LEVEL)
-            interval, error = (value - half, value + half), covariance.std_error(direction)
-            quantities[name] = QuantityEstimate(value, "s", error, interval, lowest=0.0)
+            quantities[name] = _lag_along(estimate, share * lag.value, direction)
     return quantities
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -314,15 +314,13 @@ class LaggedRuns(SeparableProblem):
         self,
         parameters: tuple[Parameter, ...],
         added: Sequence[Float[np.ndarray, "n k"]],
-        *,
-        noisier: LaggedRuns | None,
-        warm_start: WarmStart | None,
+        **changes: Any,
     ) -> LaggedRuns:
-        """The same runs with more fixed columns; no spectrum is made twice."""
+        """The same runs with more fixed columns, and other fields changed; no spectrum is made twice."""
         pairs, still = zip(self.columns, added, strict=True), self.still
         columns = tuple(replace(item, fixed=np.hstack([item.fixed, more])) for item, more in pairs)
         every = (*self.parameters[:still], *parameters, *self.parameters[still:])
-        result = replace(self, columns=columns, parameters=every, noisier=noisier, warm_start=warm_start)
+        result = replace(self, columns=columns, parameters=every, **changes)
         blocks = [more[run] for item, more in zip(self.columns, added, strict=True) for run in item.runs]
         runs = zip(self._bin_layout.runs, blocks, strict=True)
         responses, fixed, instruments = self._fixed_bins

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from eivor.errors import InputError, UsageError
+from eivor.errors import DataError, EstimationError, InputError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, first_steps
 from eivor.estimation.methods import by_name
@@ -304,25 +304,34 @@ def refined_structure(
     method = by_name(estimate.method)
     if not isinstance(method, LinearMethod):
         return problem, estimate, {}
-    wider = verdict.with_products(problem, estimate.parameters, PRODUCT)
+    nuisances = problem.nuisances
     if set(estimate.nuisances) == {*LAG_SUMS[EFFECTIVE_LAG]} and ACTUATOR_LAG.name in estimate.names:
-        uneven = Nuisance(ASYMMETRY, ASYMMETRIES, tolerance=1e-4)
-        wider = replace(wider, nuisances=(*problem.nuisances, uneven))
-    steps = first_steps(method, estimate, wider)
+        nuisances = (*nuisances, Nuisance(ASYMMETRY, ASYMMETRIES, tolerance=1e-4))
+    try:
+        wider = verdict.with_products(problem, estimate.parameters, PRODUCT, nuisances=nuisances)
+        steps = first_steps(method, estimate, wider)
+    except (DataError, EstimationError, np.linalg.LinAlgError):  # these terms are collinear in the flights
+        return problem, estimate, {}
     kept = {name: step for name, (step, error) in steps.items() if abs(step) > TERM_ERRORS * error}
     left_out = {name: pair for name, pair in steps.items() if name not in kept}
     if not kept:
         return problem, estimate, left_out
     values = {**estimate.parameters, **estimate.nuisances, **kept}
     chosen = [item for item in PRODUCT if item.name in kept]
-    made = verdict.with_products(problem, estimate.parameters, chosen)
     if ASYMMETRY.name in kept:
         values[ASYMMETRY.name] = float(np.clip(kept[ASYMMETRY.name], *ASYMMETRIES))
-        made = replace(made, nuisances=tuple(_around(item, values[item.name]) for item in wider.nuisances))
-    theta = np.array([values[item.name] for item in made.parameters])
-    nuisances = {item.name: values[item.name] for item in made.nuisances}
-    made = replace(made, warm_start=WarmStart(theta, nuisances))
-    return made, estimated(made), left_out
+        nuisances = tuple(_around(item, values[item.name]) for item in nuisances)
+    else:
+        nuisances = problem.nuisances
+    still, at = problem.still, {item.name: values[item.name] for item in nuisances}
+    parameters = (*problem.parameters[:still], *chosen, *problem.parameters[still:])
+    start = WarmStart(np.array([values[item.name] for item in parameters]), at)
+    changes = {"nuisances": nuisances, "warm_start": start}
+    made = verdict.with_products(problem, estimate.parameters, chosen, **changes)
+    try:
+        return made, estimated(made), left_out
+    except (DataError, EstimationError):
+        return problem, estimate, left_out
 
 
 def _around(nuisance: Nuisance, value: float) -> Nuisance:

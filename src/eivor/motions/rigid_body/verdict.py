@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, permutations
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
@@ -184,11 +185,11 @@ def with_common_rotor_inertia(
 
 
 def with_products(
-    problem: LaggedRuns, values: Values, chosen: Sequence[Parameter], warm_start: WarmStart | None = None
+    problem: LaggedRuns, values: Values, chosen: Sequence[Parameter], **changes: Any
 ) -> LaggedRuns:
-    """The same problem with columns of what elements of the inertia matrix off its diagonal do."""
+    """The same with columns of what elements of the inertia matrix off its diagonal do, and other changes."""
     if not chosen:
-        return problem
+        return replace(problem, **changes) if changes else problem
     shares, added = inertia_shares(values), []
     for item in problem.columns:
         columns = np.zeros((item.fixed.shape[0], len(chosen)))
@@ -198,7 +199,7 @@ def with_products(
                 columns[:, index] = share * mean_over_step(of.by_product(item.axis, PRODUCT.index(entry)))
         added.append(columns)
     noisier = None if problem.noisier is None else with_products(problem.noisier, values, chosen)
-    return problem.with_fixed(tuple(chosen), added, noisier=noisier, warm_start=warm_start)
+    return problem.with_fixed(tuple(chosen), added, noisier=noisier, **changes)
 
 
 def rotor_inertia_ratios(problem: LaggedRuns) -> tuple[float, float] | None:
@@ -562,13 +563,15 @@ def half_widths_by_wind(
         return identify(runs, by_name(estimate.method)).theta
 
     changes = []
-    for number, flight in enumerate(flights):
-        wind, logged = wind_of(flight.recording, [flight.span_s]), flight.signals.channels
+    winds = [wind_of(flight.recording, [flight.span_s]) for flight in flights]
+    at_rest = by(flights) if any(wind is not None for wind in winds) else None
+    for number, (flight, wind) in enumerate(zip(flights, winds, strict=True)):
+        logged = flight.signals.channels
         for part in () if wind is None else wind.joint_covariance.parts:
             for axis in principal_axes(part.matrix[:2, :2], part.half_widths(0.95)).T:
                 moved = {name: logged[name] + speed for name, speed in zip(VELOCITY, axis, strict=False)}
                 other = replace(flight, signals=replace(flight.signals, channels={**logged, **moved}))
-                changes.append(by([*flights[:number], other, *flights[number + 1 :]]) - by(flights))
+                changes.append(by([*flights[:number], other, *flights[number + 1 :]]) - at_rest)
     halves = np.sqrt(np.square(changes).sum(axis=0)).tolist() if changes else ()
     return dict(zip(estimate.names, halves, strict=False))
 
@@ -583,6 +586,7 @@ def weak_shifts(estimate: Estimate) -> dict[str, float]:
     known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
     rows = np.vstack([estimate.jacobian, known])
     residual, sizes = np.pad(estimate.residuals, (0, len(known))), np.linalg.norm(rows, axis=0)
+    sizes[sizes == 0.0] = 1.0
     changes = np.linalg.lstsq(rows / sizes, residual)[0] / sizes
     # of two-stage least squares the bias is the share 1 / F of that of least squares (Staiger and Stock 1997)
     strengths = np.maximum(estimate.first_stage - 1.0, 1e-9)
