@@ -21,6 +21,7 @@ from eivor.motions.rigid_body.compatibility import (
     wind_table,
     with_one_clock,
 )
+from eivor.motions.rigid_body.output_error import weights_of
 from eivor.report.rows import bounded_numbers
 from eivor.signals.recording import Frame
 from flights.flight_logs import channel
@@ -144,6 +145,13 @@ def test_the_airspeed_determines_the_wind_where_the_vehicle_turns(turning):
 
 
 @pytest.mark.usefixtures("coarse_search")
+def test_windows_without_noise_have_weights():
+    by_state = np.random.default_rng(1).normal(size=(12, 6, 40))
+    roots, noise = weights_of(np.zeros((12, 40)), by_state, np.full(6, 0.05))
+    assert np.isfinite(roots).all()
+    assert (noise > 0.0).all()
+
+
 def test_flights_that_disagree_about_a_vehicle_are_said_so(flight):
     """The second flight turns less about x at the same commands."""
     log, name, windows = flight.recording, "angular_rate_x", [(1.0, 12.0), (14.0, 25.0)]

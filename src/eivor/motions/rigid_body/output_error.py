@@ -123,7 +123,8 @@ def weights_of(
 ) -> tuple[Weights, Float[np.ndarray, " outputs"]]:
     """Weights from what is left, and the noise of measured states that this implies: one step of EM."""
     by_start = by_state.transpose(2, 0, 1) * noise
-    spread = np.maximum(1.4826 * np.median(np.abs(residual), axis=1), 1e-9)
+    least = 1e-12 * float((by_start**2).sum(axis=2).max()) + 1e-18  # of a variance, where a log has no noise
+    spread = np.sqrt((1.4826 * np.median(np.abs(residual), axis=1)) ** 2 + least)
     for _ in range(3):
         covariance = by_start @ by_start.transpose(0, 2, 1) + np.diag(spread**2)
         gain = np.linalg.solve(covariance, by_start).transpose(0, 2, 1)
@@ -131,10 +132,10 @@ def weights_of(
         left = residual.T - (by_start @ state[..., None])[..., 0]
         kept = np.eye(noise.size) - gain @ by_start
         unsure = np.einsum("sri,sij,srj->sr", by_start, kept, by_start)
-        spread = np.sqrt(np.median(left**2, axis=0) / 0.455 + np.mean(unsure, axis=0))
+        spread = np.sqrt(np.median(left**2, axis=0) / 0.455 + np.mean(unsure, axis=0) + least)
     scale = np.sqrt(np.mean(state**2 + np.diagonal(kept, axis1=1, axis2=2), axis=0))
-    roots = np.linalg.cholesky(np.linalg.inv(covariance)).transpose(0, 2, 1)
-    return np.ascontiguousarray(roots), noise * np.clip(scale, 0.3, 3.0)
+    roots = np.linalg.inv(np.linalg.cholesky(covariance))
+    return roots, noise * np.clip(scale, 0.3, 3.0)
 
 
 @dataclass(frozen=True)
