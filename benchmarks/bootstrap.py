@@ -17,7 +17,6 @@ from _shared import arguments
 from scipy.signal import lfilter
 
 import eivor as ev
-from eivor.estimation.bootstrap import IntervalKind
 from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
@@ -38,20 +37,18 @@ def autocorrelated(seed: int, rows: int, memory: float) -> Regression:
 
 
 def coverage(rows: int, memory: float, trials: int, runs: int) -> None:
-    """Print the coverage of intercept and slope by every kind of interval."""
-    held = {kind: np.zeros(2) for kind in IntervalKind}
-    lengths = []
+    """Print the coverage of intercept and slope."""
+    held, lengths = np.zeros(2), []
     for trial in range(trials):
         problem = autocorrelated(trial, rows, memory)
         bootstrap = ev.bootstrap(problem, ev.methods.least_squares(), runs=runs, seed=trial)
         lengths.append(bootstrap.block_length)
-        for kind in IntervalKind:
-            for index, truth in enumerate((1.0, 0.5)):
-                low, high = bootstrap.interval(bootstrap.names[index], kind=kind)
-                held[kind][index] += low <= truth <= high
-    shares = "  ".join(f"{kind} {a / trials:.3f} {b / trials:.3f}" for kind, (a, b) in held.items())
+        for index, truth in enumerate((1.0, 0.5)):
+            low, high = bootstrap.interval(bootstrap.names[index])
+            held[index] += low <= truth <= high
     print(
-        f"rows {rows}, memory {memory}, blocks of {np.median(lengths):.0f}, {trials} trials: {shares}",
+        f"rows {rows}, memory {memory}, blocks of {np.median(lengths):.0f}, {trials} trials: "
+        f"{' '.join(f'{share:.3f}' for share in held / trials)}",
         flush=True,
     )
 

@@ -35,7 +35,7 @@ from eivor.errors import (
     TooFewSamplesError,
     UsageError,
 )
-from eivor.estimation.bootstrap import IntervalKind, bootstrap, pool_flights
+from eivor.estimation.bootstrap import bootstrap, pool_flights
 from eivor.estimation.linear import refined_nuisances
 from eivor.estimation.variable_projection import argmin
 from eivor.models.regression import SampleRows
@@ -313,7 +313,7 @@ POOLED = replace(RESAMPLED, layout=SampleRows(np.arange(nuisances.ROWS) // 500))
 
 @cache
 def replicates():
-    return bootstrap(RESAMPLED, LS, runs=5, scheme="stationary")
+    return bootstrap(RESAMPLED, LS, runs=5)
 
 
 def drawn_again(which, method):
@@ -450,9 +450,7 @@ WORDS = calls("words and numbers", UsageError,
     (lambda: identify(np.zeros((10, 2)), LS), r"a problem: .*; received ndarray"),
     (lambda: bootstrap(RESAMPLED, LS, runs=1), "two runs"),
     (lambda: bootstrap(RESAMPLED, LS, block_length=0), "block length from 1"),
-    (lambda: bootstrap(RESAMPLED, LS, scheme="jackknife"), "scheme out of circular"),
     (lambda: bootstrap(POOLED, LS), "bootstrap_flights"),
-    (lambda: replicates().interval("theta_1", kind=IntervalKind.STUDENTISED), "standard errors of their own"),
     (lambda: replicates().std_error("theta_9"), "quantity out of theta_1"),
     (lambda: replicates().interval("theta_1", 95.0), "between 0 and 1"),
     (lambda: drawn_again([0, 1], LS), "one by least_squares"),

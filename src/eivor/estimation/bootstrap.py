@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 import scipy
@@ -33,25 +32,13 @@ FINEST_ATOMS = 4096
 NEGLIGIBLE = 2.0
 
 
-class BlockScheme(StrEnum):
-    """How blocks are drawn."""
-
-    CIRCULAR = "circular"
-    """Blocks of one length, the record joined end to start."""
-    MOVING = "moving"
-    """Blocks of one length inside the record; its ends are drawn less often."""
-    STATIONARY = "stationary"
-    """Blocks of random, geometric length on the circle (Politis and Romano 1994)."""
-
-
 @dataclass(frozen=True, slots=True)
 class BlockPlan:
-    """Rows in atoms, and atoms in blocks."""
+    """Rows in atoms, and atoms in blocks of one length, the record joined end to start."""
 
     rows: int
     blocks: int
     steps: int  # Atoms of a block
-    scheme: BlockScheme = BlockScheme.CIRCULAR
 
     @property
     def atoms(self) -> int:
@@ -60,7 +47,7 @@ class BlockPlan:
 
     @property
     def block_length(self) -> float:
-        """Rows of a block, the mean when lengths are random."""
+        """Rows of a block."""
         return self.rows / self.blocks
 
     @property
@@ -68,47 +55,28 @@ class BlockPlan:
         """First row of each atom, and the number of rows."""
         return np.arange(self.atoms + 1) * self.rows // self.atoms
 
-    @property
-    def span(self) -> int:
-        """Atoms of a piece, which replicates are put together from: a block, or an atom when lengths vary."""
-        return 1 if self.scheme is BlockScheme.STATIONARY else self.steps
-
-    @property
-    def pieces(self) -> int:
-        """Pieces that may be drawn: piece i begins with atom i."""
-        return self.atoms - self.steps + 1 if self.scheme is BlockScheme.MOVING else self.atoms
-
     def drawn(self, random: np.random.Generator) -> Int[np.ndarray, " k"]:
-        """Pieces of one replicate, in its order."""
-        if self.scheme is not BlockScheme.STATIONARY:
-            return random.integers(0, self.pieces, self.blocks)
-        begins = random.random(self.atoms) < 1.0 / self.steps
-        begins[0] = True
-        first = random.integers(0, self.atoms, int(begins.sum()))
-        block = np.cumsum(begins) - 1
-        within = np.arange(self.atoms) - np.flatnonzero(begins)[block]
-        return np.asarray((first[block] + within) % self.atoms)
+        """Blocks of one replicate, in its order, each by the atom that it begins with."""
+        return random.integers(0, self.atoms, self.blocks)
 
 
-def block_plan(rows: int, length: float, scheme: BlockScheme = BlockScheme.CIRCULAR) -> BlockPlan:
+def block_plan(rows: int, length: float) -> BlockPlan:
     """Plan with blocks of about `length` rows, so many that they fill the record."""
     blocks = min(max(round(rows / length), 1), rows)
     steps = min(rows // blocks, max(STEPS_PER_BLOCK, FINEST_ATOMS // blocks))
-    return BlockPlan(rows, blocks, steps, scheme)
+    return BlockPlan(rows, blocks, steps)
 
 
-def automatic_block_length(
-    series: Float[np.ndarray, "rows n"], scheme: BlockScheme = BlockScheme.CIRCULAR
-) -> float:
+def automatic_block_length(series: Float[np.ndarray, "rows n"]) -> float:
     """Block length that makes the variance of a mean most accurate, for the most persistent series."""
     rows = series.shape[0]
     longest = min(3.0 * math.sqrt(rows), rows / 3.0)
     centred = series - series.mean(axis=0)
-    lengths = [_optimal_length(column, scheme) for column in centred.T]
+    lengths = [_optimal_length(column) for column in centred.T]
     return float(np.clip(max(lengths, default=1.0), 1.0, max(longest, 1.0)))
 
 
-def _optimal_length(series: Float[np.ndarray, " rows"], scheme: BlockScheme) -> float:
+def _optimal_length(series: Float[np.ndarray, " rows"]) -> float:
     rows = series.size
     quiet = max(5, math.ceil(math.sqrt(math.log10(rows)))) if rows > 1 else 5
     reach = min(math.ceil(math.sqrt(rows)) + quiet, rows - 1)
@@ -125,7 +93,7 @@ def _optimal_length(series: Float[np.ndarray, " rows"], scheme: BlockScheme) -> 
     weighted = window * R[: lags.size]
     g = float(2.0 * weighted.sum() - weighted[0])
     G = float(2.0 * (lags * weighted).sum())
-    D = (2.0 if scheme is BlockScheme.STATIONARY else 4.0 / 3.0) * g * g
+    D = 4.0 / 3.0 * g * g
     return (2.0 * G * G / D * rows) ** (1.0 / 3.0) if D > 0.0 else 1.0
 
 
@@ -137,14 +105,14 @@ def autocovariance(series: Float[np.ndarray, " rows"], lags: int) -> Float[np.nd
     return products / series.size
 
 
-def piece_sums(
+def block_sums(
     atom_sums: Float[np.ndarray, "atoms *columns"], plan: BlockPlan
-) -> Float[np.ndarray, "pieces *columns"]:
-    """Sums over the atoms of each piece."""
-    wrapped = np.concatenate([atom_sums, atom_sums[: plan.span - 1]])
-    total = wrapped[: plan.pieces].copy()
-    for step in range(1, plan.span):
-        total += wrapped[step : step + plan.pieces]
+) -> Float[np.ndarray, "atoms *columns"]:
+    """Sums over the atoms of the block that begins with each."""
+    wrapped = np.concatenate([atom_sums, atom_sums[: plan.steps - 1]])
+    total = atom_sums.copy()
+    for step in range(1, plan.steps):
+        total += wrapped[step : step + plan.atoms]
     return total
 
 
@@ -158,19 +126,6 @@ def check_draws(runs: int, seed: object) -> None:
         raise UsageError(expected, checks.described(seed), "Give 0, for example.")
     if seed < 0:
         raise UsageError("a seed of zero or more", f"seed={seed}", "Any other one will do.")
-
-
-class IntervalKind(StrEnum):
-    """How an interval is read from replicates. Notation: v value, v* replicate, s and s* standard errors."""
-
-    PERCENTILE = "percentile"
-    """Quantiles of v*."""
-    EXPANDED = "expanded"
-    """Quantiles of v*, their distances from v times sqrt(c / (c - 1)) t / z: for few pieces."""
-    BASIC = "basic"
-    """v minus quantiles of v* - v, in reverse order."""
-    STUDENTISED = "studentised"
-    """v minus quantiles of (v* - v) / s* times s, in reverse order."""
 
 
 @dataclass(frozen=True)
@@ -191,9 +146,6 @@ class Bootstrap:
     pieces: int  # Blocks, or flights, that a replicate is put together from
     block_length: float  # Rows of a block; NaN when whole flights are drawn
     seed: int | None  # What the generator was made of; None when a generator was given
-    #: Standard error of each value, computed as those of the replicates
-    std_errors: Float[np.ndarray, " n"] | None = None
-    studentised: Float[np.ndarray, "runs n"] | None = None  # (v* - v) / s* of each replicate
 
     def __post_init__(self) -> None:
         if self.replicates.shape[0] < 2:
@@ -218,40 +170,21 @@ class Bootstrap:
         position = checks.index_of("a quantity", name, self.names)
         return float(self.replicates[:, position].mean() - self.values[position])
 
-    def interval(
-        self, name: str, level: float = 0.95, kind: IntervalKind = IntervalKind.EXPANDED
-    ) -> tuple[float, float]:
-        """Confidence interval of a quantity, read from the replicates in one of some ways.
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Quantiles of the replicates, their distances from the value expanded as c pieces are few.
+
+        Of c pieces they are sqrt(c / (c - 1)) t / z times as long (Hesterberg 2015).
 
         Raises
         ------
         UsageError
-            When the level is not between 0 and 1 or needs more replicates than there are, or a studentised
-            interval is asked of replicates without standard errors.
+            When the level is not between 0 and 1 or needs more replicates than there are.
         """
         position = checks.index_of("a quantity", name, self.names)
         checks.level(level)
-        try:
-            chosen = IntervalKind(kind)
-        except ValueError as error:
-            known = ", ".join(IntervalKind)
-            raise UsageError(f"a kind out of {known}", checks.described(kind), "Name one of them.") from error
-        value = float(self.values[position])
-        if chosen is IntervalKind.STUDENTISED:
-            if self.studentised is None or self.std_errors is None:
-                expected = "replicates with standard errors of their own, for a studentised interval"
-                remedy = "Draw blocks of one length, or take another kind of interval."
-                raise UsageError(expected, "replicates without", remedy)
-            low, high = _quantiles(self.studentised[:, position], level)
-            std_error = float(self.std_errors[position])
-            return value - high * std_error, value - low * std_error
-        if chosen is IntervalKind.EXPANDED and self.pieces < 2:
+        if self.pieces < 2:
             return -math.inf, math.inf
-        low, high = _quantiles(self.replicates[:, position], level)
-        if chosen is IntervalKind.BASIC:
-            return 2.0 * value - high, 2.0 * value - low
-        if chosen is IntervalKind.PERCENTILE:
-            return low, high
+        value, (low, high) = float(self.values[position]), _quantiles(self.replicates[:, position], level)
         wider = math.sqrt(self.pieces / (self.pieces - 1)) * t_quantile(level, self.pieces - 1)
         wider /= normal_quantile(level)
         return value + wider * (low - value), value + wider * (high - value)
@@ -387,21 +320,10 @@ class CrossPieces:
     """Cross-products of the instruments with [Phi y], of pieces of a record."""
 
     products: Products  # [psi phi y]
-    equations: Float[np.ndarray, "K p n_plus_1"]  # Psi [phi' y] among them, side by side in memory
     noise: Float[np.ndarray, "p n_plus_1"] | None  # C and c
 
     def moments(self, drawn: Int[np.ndarray, " k"]) -> CrossMoments:
         return CrossMoments(self.products.resampled(drawn), self.noise)
-
-    def influence(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Estimate, count: float
-    ) -> Float[np.ndarray, "k n"]:
-        """Of A'W (psi e + C theta - c)."""
-        away = np.append(-solved.theta, 1.0)
-        products = self.equations[pieces] @ away
-        if self.noise is not None:
-            products = products - self.products.counts[pieces, None] * (self.noise @ away)
-        return products @ equation_map(solved).T / count
 
 
 @dataclass(frozen=True)
@@ -411,7 +333,6 @@ class RootPieces:
     products: Products  # [Phi y]
     root: Float[np.ndarray, "n_plus_1 n_plus_1"]
     noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None  # Covariance of the measurement noises of [Phi y]
-    solver: Solver
 
     def moments(self, drawn: Int[np.ndarray, " k"]) -> TriangularMoments:
         """Root of the replicate: that of its Gram matrix, times R."""
@@ -419,24 +340,6 @@ class RootPieces:
         powers, directions = np.linalg.eigh(replicate.sums[0])
         half = np.sqrt(np.maximum(powers, 0.0))[:, None] * directions.T
         return TriangularMoments(replicate.count, half @ self.root, self.noise)
-
-    def influence(
-        self,
-        pieces: Int[np.ndarray, " k"] | slice,
-        solved: Estimate,
-        _count: float,  # a root is of the sum already
-        /,
-    ) -> Float[np.ndarray, "k n"]:
-        """Of Phi e + c e^2, with the solver's correction."""
-        theta = solved.theta
-        A, b = solved.system.matrix, solved.system.right
-        away = self.root @ np.append(-theta, 1.0)
-        products = self.products.sums[pieces] @ away
-        covariance = solved.system.error_covariance
-        pull = self.solver.score_correction(np.ones(1), theta, covariance).rows[0]
-        scores = products @ self.root[:, :-1] + np.outer(products @ away, pull)
-        correction = self.solver.score_correction(b - A @ theta, theta, covariance)
-        return over_sensitivity(scores, A, correction.sensitivity)
 
 
 #: Products of pieces of a record, which the moments of any replicate are added up from.
@@ -466,14 +369,13 @@ def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: 
         safe = whole.root + np.diag(np.where(diagonal == 0.0, 1.0, 0.0))
         Q = scipy.linalg.solve_triangular(safe, np.column_stack([Phi, y]).T, trans="T").T
         of_atoms = products_of_rows(np.empty((y.size, 0)), Q[:, :-1], Q[:, -1], edges=plan.bounds)
-        return RootPieces(_pieces(of_atoms, plan), whole.root, whole.noise, method.solver)
+        return RootPieces(_pieces(of_atoms, plan), whole.root, whole.noise)
     psi = method.assembler.test_functions(rows)
-    pieces = _pieces(products_of_rows(psi, Phi, y, edges=plan.bounds), plan)
-    return CrossPieces(pieces, np.ascontiguousarray(pieces.equations), whole.noise)
+    return CrossPieces(_pieces(products_of_rows(psi, Phi, y, edges=plan.bounds), plan), whole.noise)
 
 
 def _pieces(atoms: Products, plan: BlockPlan) -> Products:
-    return replace(atoms, counts=piece_sums(atoms.counts, plan), sums=piece_sums(atoms.sums, plan))
+    return replace(atoms, counts=block_sums(atoms.counts, plan), sums=block_sums(atoms.sums, plan))
 
 
 #: Replicates that are made when their number is not named; with one more, tails are whole numbers.
@@ -486,7 +388,6 @@ def bootstrap(
     *,
     runs: int = RUNS,
     block_length: int | None = None,
-    scheme: BlockScheme | str = BlockScheme.CIRCULAR,
     seed: int | np.random.Generator = 0,
 ) -> Bootstrap:
     """Bootstrap an estimate by blocks of successive rows.
@@ -502,16 +403,13 @@ def bootstrap(
     block_length : int, optional
         Rows of a block. Default: Politis and White's automatic length for the estimate's influence of
         each row, the longest over the parameters. One makes it the bootstrap of independent rows.
-    scheme : BlockScheme or str
-        "circular", "moving" or "stationary".
     seed : int or numpy.random.Generator
         The same seed gives the same replicates.
 
     Returns
     -------
     Bootstrap
-        Replicates of the parameters, with standard errors of their own for studentised intervals unless
-        the scheme is stationary.
+        Replicates of the parameters.
 
     Raises
     ------
@@ -530,71 +428,38 @@ def bootstrap(
     """
     check_method(method)
     rows = _sample_rows(problem)
-    try:
-        kind = BlockScheme(scheme)
-    except ValueError as error:
-        known = ", ".join(BlockScheme)
-        raise UsageError(f"a scheme out of {known}", f"'{scheme}'", "Name one of them.") from error
     check_draws(runs, seed)
     whole = method.moments(problem)
     solved = method.solve_moments(whole, problem, check=True)
-    plan = block_plan(rows.response.size, _length(block_length, rows, method, solved, kind), kind)
-    renewed = method.equation_weighting.passes == 1
-    pieces = piece_moments(rows, method, whole, plan)
-    again = _RowReplicates(method, pieces, None if renewed else solved.factor)
-    random = np.random.default_rng(seed)
-    studentised = kind is not BlockScheme.STATIONARY
-    results = [again.replicate(plan.drawn(random), errors=studentised) for _ in range(runs)]
+    plan = block_plan(rows.response.size, _length(block_length, rows, method, solved))
+    factor = None if method.equation_weighting.passes == 1 else solved.factor
+    pieces, random = piece_moments(rows, method, whole, plan), np.random.default_rng(seed)
+    results = [_estimated_again(method, pieces.moments(plan.drawn(random)), factor) for _ in range(runs)]
     kept = [result for result in results if result is not None]
-    made = np.array(kept).reshape(len(kept), 2, rows.regressors.shape[1])
-    theta = solved.theta
-    errors = again.errors(slice(None), solved, float(plan.blocks)) if studentised else None
     return Bootstrap(
         rows.names,
         rows.units,
-        theta,
-        made[:, 0],
+        solved.theta,
+        np.array(kept).reshape(len(kept), rows.regressors.shape[1]),
         runs - len(kept),
         plan.blocks,
         plan.block_length,
         None if isinstance(seed, np.random.Generator) else seed,
-        errors,
-        (made[:, 0] - theta) / made[:, 1] if studentised else None,
     )
 
 
-@dataclass(frozen=True)
-class _RowReplicates:
-    method: LinearMethod
-    pieces: PieceMoments
-    factor: Float[np.ndarray, "p p"] | None
-
-    def replicate(self, drawn: Int[np.ndarray, " k"], *, errors: bool) -> Float[np.ndarray, "2 n"] | None:
-        """Parameters and, if asked for, their standard errors; None without an estimate."""
-        try:
-            solved = self.solved(self.pieces.moments(drawn))
-            theta = solved.theta
-            spread = self.errors(drawn, solved, float(len(drawn))) if errors else np.ones(theta.size)
-        except (EivorError, np.linalg.LinAlgError):
-            return None
-        both = np.stack([theta, spread])
-        return both if np.isfinite(both).all() and spread.all() else None
-
-    def solved(self, moments: Moments) -> Estimate:
-        method, factor = self.method, self.factor
+def _estimated_again(
+    method: LinearMethod, moments: Moments, factor: Float[np.ndarray, "p p"] | None
+) -> Float[np.ndarray, " n"] | None:
+    """Parameters of a replicate, with the sample's weight where it is made of residuals; None without any."""
+    try:
         if factor is None:
-            return method.solve_moments(moments)
-        system = method.assembler.system(moments)
-        solution = method.solver.solve(divided(system, factor))
-        return Estimate(method.assembler, method.solver, moments, None, system, factor, solution)
-
-    def errors(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Estimate, blocks: float
-    ) -> Float[np.ndarray, " n"]:
-        """Standard errors from the pieces' scores (Gotze and Kunsch 1996): M^-1 sum s s' M^-T."""
-        count = blocks * float(self.pieces.products.counts[pieces].mean())
-        influence = self.pieces.influence(pieces, solved, count)
-        return math.sqrt(blocks) * influence.std(axis=0)
+            theta = method.solve_moments(moments).theta
+        else:
+            theta = method.solver.solve(divided(method.assembler.system(moments), factor)).theta
+    except (EivorError, np.linalg.LinAlgError):
+        return None
+    return theta if np.isfinite(theta).all() else None
 
 
 def _sample_rows(problem: LinearProblem) -> Regression:
@@ -609,12 +474,10 @@ def _sample_rows(problem: LinearProblem) -> Regression:
     return rows
 
 
-def _length(
-    wanted: int | None, rows: Regression, method: LinearMethod, solved: Estimate, scheme: BlockScheme
-) -> float:
+def _length(wanted: int | None, rows: Regression, method: LinearMethod, solved: Estimate) -> float:
     count = rows.response.size
     if wanted is None:
-        return automatic_block_length(_influence(rows, method, solved), scheme)
+        return automatic_block_length(_influence(rows, method, solved))
     checks.whole("block_length", wanted)
     if not 1 <= wanted <= count // 2:
         expected = f"a block length from 1 to {count // 2} rows, half of what there is"
