@@ -13,10 +13,9 @@ from pathlib import Path
 
 import pytest
 import typer
-from typer.testing import CliRunner
 
 import eivor as ev
-from eivor.cli.main import COMMANDS, EXAMPLES, app, application
+from eivor.cli.main import COMMANDS, EXAMPLES, app
 from eivor.errors import InputError
 
 COMMAND = typer.main.get_command(app)
@@ -186,55 +185,3 @@ def test_a_name_that_is_no_text(flight, tmp_path):
         )
         assert run.returncode in {0, 1, 3}
         assert b"Traceback" not in run.stderr
-
-
-PAGE = (Path(__file__).parents[2] / "docs" / "from-a-log.md").read_text(encoding="utf-8")
-
-
-@pytest.fixture
-def written(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-    def write(text, name="eivor.toml"):
-        (tmp_path / name).write_text(text, encoding="utf-8")
-
-    return write
-
-
-def test_it_is_read_where_it_is_and_said(eivor, written):
-    written('[identify]\nlag = "65:15"\nterm = ["quadratic-drag", "voltage"]\nalign = true\nmax-tilt = 20\n')
-    ran = eivor("identify", "missing.ulg")
-    assert ran.code == 1
-    said = "eivor: options of eivor.toml: max-tilt 20, lag 65:15, align, term quadratic-drag voltage"
-    assert ran.err.splitlines()[0] == said
-    assert "missing.ulg" in ran.err
-    assert ran.out == ""
-
-
-def test_the_command_line_comes_first(eivor, written):
-    written('[identify]\nlag = "65:15"\n')
-    assert "options of" not in eivor("identify", "missing.ulg", "--lag", "60:10").err
-    assert "options of" not in eivor("inspect", "missing.ulg").err
-
-
-def test_a_file_that_is_named(eivor, written):
-    written('[identify]\nlag = "65:15"\n')
-    written("[fleet.run]\nworkers = 2\n", "lab.toml")
-    assert "options of" not in eivor("--config", "lab.toml", "identify", "missing.ulg").err
-    ran = eivor("--config", "lab.toml", "fleet", "run", "missing", "-o", "out")
-    assert "options of lab.toml: workers 2" in ran.err
-
-
-def test_tables_of_commands_that_are_not_loaded(written):
-    written('[fleet.run]\nworkers = 2\n[identify]\nlag = "65:15"\n')
-    ran = CliRunner().invoke(application("plan", "identify"), ["identify", "missing.ulg"])
-    assert "lag 65:15" in ran.output
-
-
-def test_the_file_of_the_page_is_valid(eivor, written):
-    (block,) = re.findall(r"```text\n(\[identify\]\n.*?)```", PAGE, flags=re.DOTALL)
-    written(block)
-    splitline = eivor("identify", "missing.ulg").err.splitlines()[0]
-    assert splitline.startswith("eivor: options of eivor.toml: ")
-    for option in ("lag 65:15", "map mycopter.toml", "align", "term quadratic-drag"):
-        assert option in splitline

@@ -189,7 +189,6 @@ def test_it_outlives_its_terminal_where_it_shall(eivor, monkeypatch):
     [
         ("serve --no-browser", 1, "pip install 'eivor[serve]'"),
         ("idenify flight.ulg", 2, "Did you mean 'identify'?"),  # what others lack is not in the way
-        ("--config other.toml identify flight.ulg", 1, "'other.toml', unreadable"),
     ],
 )
 def test_a_missing_extra_is_a_sentence(words, code, sentence):

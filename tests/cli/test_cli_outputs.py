@@ -205,7 +205,7 @@ def test_devices_and_streams_are_no_files(eivor, log):
     assert eivor("identify", log, "--json", "/dev/null", "--html", "/dev/null").code in (0, 3)
 
 
-def test_windows_folders_and_the_options_file_are_read(eivor, log, tmp_path, monkeypatch):
+def test_windows_and_folders_are_read(eivor, log, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert "would replace" in eivor("inspect", f"{log}@1:9", "--json", log).err
     bag = tmp_path / "bag"
@@ -213,8 +213,6 @@ def test_windows_folders_and_the_options_file_are_read(eivor, log, tmp_path, mon
     (bag / "metadata.yaml").write_text("x", encoding="utf-8")
     run = eivor("track", "bag", "--json", bag / "metadata.yaml")
     assert "would replace 'bag/metadata.yaml' of LOG" in run.err
-    (tmp_path / "eivor.toml").touch()
-    assert "would replace 'eivor.toml' of --config" in eivor("plan", "--csv", "eivor.toml").err
     fleet = tmp_path / "fleet" / "reports"
     fleet.mkdir(parents=True)
     log.rename(fleet / "flight.html")
@@ -222,17 +220,6 @@ def test_windows_folders_and_the_options_file_are_read(eivor, log, tmp_path, mon
     run = eivor("fleet", "run", "logs.txt", "--out", "fleet")
     assert (run.code, run.out) == (2, "")
     assert "would replace 'fleet/reports/flight.html' of the logs of logs.txt" in run.err
-
-
-def test_standard_input_is_a_file_too(log):
-    before = log.read_bytes()
-    code = "from eivor.cli.main import run; run()"
-    command = [sys.executable, "-c", code, "inspect", "-", "--json", str(log)]
-    with log.open("rb") as stream:
-        run = subprocess.run(command, stdin=stream, capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stdout) == (2, "")
-    assert "would replace '/dev/stdin' of LOG" in run.stderr
-    assert log.read_bytes() == before
 
 
 def test_the_files_of_folders_are_those_that_are_written(tmp_path):

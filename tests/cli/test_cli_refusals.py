@@ -91,8 +91,6 @@ COMMANDS = (
     *((f"identify --example {option} ''", 2,
         f"Expected a value for {option}; received an empty text. .* or leave it out.$")
         for option in EMPTY),
-    ("--config '' identify --example", 2, "a value for --config"),
-    ("--config lab.toml identify missing.ulg", 1, "'lab.toml', unreadable"),
     ("identfy", 2, "identify"),
     ("export fit.json", 2, "--to TARGET, --draws N or both"),
     ("export fit.json --to px4 --draws 5", 2, "draws out of rotorpy, mujoco, isaaclab"),
@@ -154,19 +152,7 @@ COMMANDS = (
     ("serve --no-browser --time nan", 2, "a limit time_s above zero"),
     ("serve --no-browser --largest 0", 2, "a size above zero"),
 )  # fmt: skip
-#: Words of a file of options, and of a file of a flight.
-OPTIONS = (
-    ('[identify]\nlag = ""\n', 2, "a value for --lag"),
-    ("[identfy]", 1, r"tables named as commands.*\[identfy\]\. Did you mean 'identify'"),
-    ("lag = 3", 1, "tables named as commands.*Remove it"),
-    ("identify = 3", 1, r"Expected a table \[identify\]"),
-    ("[identify]\nlagg = 3", 1, "options of eivor identify.*'lagg'. Did you mean 'lag'"),
-    ("[fleet.run]\nworker = 3", 1, "options of eivor fleet run.*Did you mean 'workers'"),
-    ("[identify]\nalign = 3", 1, "true or false at identify.align of eivor.toml; received 3"),
-    ("[identify]\nlag = true", 1, "a text or a number, at identify.lag of eivor.toml; received True"),
-    ("[identify]\nterm = [{}]", 1, "a text or a number, or a list of them"),
-    ("[identify", 1, "not: "),
-)
+#: Words of a file of a flight.
 FLIGHTS = (
     (FLOWN.replace("duration", "druation"), r"unknown key 'druation'. Did you mean 'duration'\?"),
     (FLOWN.replace('"multisine"', '"stepz"'), r"received 'stepz'. Did you mean 'steps'\?"),
@@ -208,7 +194,6 @@ def contents(folder):
     ("command", "code", "text", "files"),
     [
         *(pytest.param(*row, {}, id=row[0]) for row in COMMANDS),
-        *(("identify --example", code, text, {"eivor.toml": words}) for words, code, text in OPTIONS),
         *(("simulate mine.toml -o a.csv", 1, text, {"mine.toml": words}) for words, text in FLIGHTS),
     ],
 )

@@ -112,7 +112,6 @@ def test_it_foretells_what_identify_says(eivor, log, arguments):
 
 @pytest.mark.thorough
 def test_a_log_of_several_windows_is_read_once(eivor, log, monkeypatch):
-    """Standard input cannot be read a second time."""
     read: list[Path] = []
     read_log = ev.read_log
 

@@ -105,7 +105,7 @@ def _readable_errors() -> Iterator[None]:
 
 
 class Commands(TyperGroup):
-    """All commands, with the options that repeat; what is wrong in them is said in one line."""
+    """All commands; what is wrong in them is said in one line."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         with _readable_errors():
@@ -113,17 +113,7 @@ class Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         with _readable_errors():
-            outputs.refuse_empty_options(ctx)
             return super().invoke(ctx)
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        resolved = super().resolve_command(ctx, args)
-        if not ctx.resilient_parsing:
-            try:
-                outputs.read_repeated_options(ctx, ctx.params["config"], _targets())
-            except InputError as error:
-                raise typer.Exit(int(outputs.reported(error))) from None
-        return resolved
 
 
 def application(*names: str, loaded: bool = True) -> typer.Typer:
@@ -186,15 +176,6 @@ def _print_version(wanted: bool) -> bool:
 
 def _eivor(
     *,
-    config: Annotated[
-        str,
-        outputs.option(
-            "FILE.toml",
-            f"Options that repeat, by command (default: {outputs.FILE}, where the working directory "
-            "has one).",
-        ),
-        outputs.Reads(default=lambda _values: outputs.FILE),
-    ] = "",
     version: Annotated[
         bool,
         typer.Option(
@@ -241,7 +222,6 @@ def _requested_command(arguments: list[str]) -> typer.Typer:
         )
     if not arguments or arguments[0] in {"--help", "--version"}:
         return application(loaded=False)
-    given = arguments if not arguments[0].startswith("--config") else arguments[2 - ("=" in arguments[0]) :]
-    named = [name for name in given[:1] if name in _targets()]
+    named = [name for name in arguments[:1] if name in _targets()]
     # a misspelt one is answered without the packages of others
     return application(*named, loaded=bool(named))

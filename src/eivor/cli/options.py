@@ -154,8 +154,8 @@ class LogWords(msgspec.Struct, kw_only=True):
         argument(
             "LOG",
             "PX4 ULog or ulog2csv folder, ArduPilot DataFlash, Betaflight and INAV blackbox, Crazyflie "
-            "microSD, ROS 1 bag, ROS 2 bag, MCAP, CSV, Parquet, MATLAB or HDF5; - is standard input. Several "
-            "are pooled as flights of one vehicle. LOG@START:END takes a window of one log.",
+            "microSD, ROS 1 bag, ROS 2 bag, MCAP, CSV, Parquet, MATLAB or HDF5. Several are pooled as "
+            "flights of one vehicle. LOG@START:END takes a window of one log.",
         ),
         Reads(log_paths),
     ] = None

@@ -27,8 +27,7 @@ from typer.core import TyperCommand, TyperOption
 
 from eivor import tools
 from eivor.atomic_file import check_writable, write_atomically
-from eivor.errors import EivorError, InputError, UsageError, did_you_mean
-from eivor.strict_toml import TomlTable, read_toml
+from eivor.errors import EivorError, InputError, UsageError
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -41,7 +40,7 @@ R = TypeVar("R")
 
 #: Heading of the options that few people need, and how many a command has before some go there.
 MORE, FIRST_OPTIONS = "More options", 10
-#: The word for standard output, and for standard input.
+#: The word for standard output.
 STANDARD_OUTPUT = "-"
 #: Files that are written into the folders of a study and of a fleet, and with the figures of the paper. A
 #: part of a fleet's table holds what was in it before, and a run may find it as a log.
@@ -53,10 +52,7 @@ PAPER_FILES = ("figure-*.svg", "figure-*.png")
 
 
 def log_paths(text: str) -> Iterable[Path]:
-    """Files of a log as typed: of standard input, of a folder, or of LOG@START:END."""
-    if text == STANDARD_OUTPUT:
-        return [Path("/dev/stdin")]
-
+    """Files of a log as typed: of a folder, or of LOG@START:END."""
     # By name, since help loads no reader of logs.
     path: Path = resolve_name("eivor.cli.parsing:log_argument")(text)[0]
     if not resolve_name("eivor.logs.addresses:is_local")(path):
@@ -74,7 +70,6 @@ class Reads:
     """Declares that a parameter names what the command reads: the guard of outputs protects it."""
 
     paths: Callable[[str], Iterable[Path]] = lambda text: [Path(text)]
-    default: Callable[[Mapping[str, Any]], str] = lambda _values: ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -451,12 +446,9 @@ def guard_outputs(context: Any) -> None:
     outputs = [_Output(name, path, item.inside) for name, path, item in writes]
     existing = ((_key(path), (output.option, path)) for output in outputs for path in output.replaced())
     _replaced_files.set({key: item for key, item in existing if key is not None})
-    above = context
-    while above is not None:
-        for name, item, text in declared(above):
-            if isinstance(item, Reads):
-                keep_inputs(name, item.paths(text))
-        above = above.parent
+    for name, item, text in declared(context):
+        if isinstance(item, Reads):
+            keep_inputs(name, item.paths(text))
     for first, second in combinations(outputs, 2):
         if first.writes(second.path) or second.writes(first.path):
             raise UsageError(
@@ -493,7 +485,9 @@ def declared(context: Any) -> Iterator[tuple[str, Reads | Writes, str]]:
     for parameter in context.command.params:
         position = positions.get(parameter.name)
         if position is not None:
-            given = context.params.get(parameter.name) or position.default(context.params)
+            given = context.params.get(parameter.name)
+            if not given and isinstance(position, Writes):
+                given = position.default(context.params)
             is_argument = parameter.param_type_name == "argument"
             name = str(parameter.metavar).strip("[]") if is_argument else max(parameter.opts, key=len)
             texts = given if isinstance(given, list | tuple) else (given,)
@@ -569,79 +563,6 @@ def deliver_result(
     deliver(*screen, *written, *files)
 
 
-# -- Repeated options --
-
-#: Read from the working directory where it is.
-FILE = "eivor.toml"
-#: Under this name the reader of arguments keeps which file it was.
-_READ = "eivor.cli.outputs"
-
-
-def read_repeated_options(context: Any, file: str, commands: Iterable[str]) -> None:
-    """Give the commands of a group the defaults that a file holds, a table for each command."""
-    path = Path(file or FILE)
-    if file or path.is_file():
-        table = read_toml(path, "options by command")
-        context.default_map = _of_group(context.command, table, commands)
-        context.meta[_READ] = path.name
-
-
-def report_repeated_options(context: Any) -> None:
-    """Say on standard error which options of a command come from the file."""
-    used = [
-        f"{_option_name(parameter)} {_words(context.params.get(parameter.name))}".rstrip()
-        for parameter in context.command.params
-        if _source(context, parameter) == "DEFAULT_MAP"
-    ]
-    if used:
-        complain(f"options of {context.meta[_READ]}: {', '.join(used)}")
-
-
-def _of_group(group: Any, table: TomlTable, known: Iterable[str] = ()) -> dict[str, Any]:
-    names = sorted({*group.commands, *known})
-    results = {}
-    for name in table.values:
-        if name not in names:
-            expected = f"tables named as commands, {', '.join(names)},"
-            raise table.wrong("", expected, f"[{name}]", did_you_mean(name, names, "Remove it."))
-        part, command = table.part(name), group.commands.get(name)
-        if command is not None:
-            results[name] = (_of_group if hasattr(command, "commands") else _of_command)(command, part)
-    return results
-
-
-def _of_command(command: Any, table: TomlTable) -> dict[str, Any]:
-    options = {_option_name(param): param for param in command.params if param.param_type_name == "option"}
-    results = {}
-    for name, value in table.values.items():
-        if name not in options:
-            remedy = did_you_mean(name, options, "Remove it.")
-            raise table.wrong("", f"options of eivor {table.path.replace('.', ' ')}", f"'{name}'", remedy)
-        option = options[name]
-        items = value if option.multiple and isinstance(value, list) else [value]
-        if not all(
-            isinstance(item, bool) == option.is_flag and not isinstance(item, dict | list) for item in items
-        ):
-            several = ", or a list of them" * option.multiple
-            expected = "true or false" if option.is_flag else f"a text or a number{several},"
-            raise table.wrong(name, expected, repr(value))
-        texts = items if option.is_flag else [str(item) for item in items]
-        results[option.name] = texts if option.multiple else texts[0]
-    return results
-
-
-def _option_name(parameter: Any) -> str:
-    return str(parameter.opts[0]).removeprefix("--")
-
-
-def _words(value: Any) -> str:
-    if isinstance(value, bool):
-        return "" if value else "off"
-    if isinstance(value, list | tuple):
-        return " ".join(map(_words, value))
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
 class ReadableCommand(TyperCommand):
     """A command that checks its options, and the files that it writes, before it runs."""
 
@@ -655,7 +576,6 @@ class ReadableCommand(TyperCommand):
                 item.rich_help_panel = None
 
     def invoke(self, ctx: Any) -> Any:
-        report_repeated_options(ctx)
         refuse_empty_options(ctx)
         try:
             guard_outputs(ctx)

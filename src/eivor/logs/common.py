@@ -7,22 +7,18 @@ import math
 import os
 import re
 import struct
-import sys
 import tomllib
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from heapq import nsmallest
 from importlib import resources
 from math import inf
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from eivor.errors import InputError, LogTooLargeError
 from eivor.signals.channels import CanonicalChannel, held_by_default, unit_of
 from eivor.signals.filters import on_lines
 from eivor.signals.recording import (
@@ -569,58 +565,6 @@ def believable(time_s: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     before, here, after = time_s[:-2], time_s[1:-1], time_s[2:]
     usable[1:-1] &= (here - np.maximum(before, after) <= HORIZON_S) | (before > after)
     return usable
-
-
-#: The path that means standard input, unless there is a file of that name.
-STANDARD_INPUT = "-"
-#: What reports call a log that has no name.
-NAME = "standard input"
-_BLOCK_BYTES = 1 << 20
-
-
-def is_stream(file: Path) -> bool:
-    """Say whether a path means standard input."""
-    if str(file) == STANDARD_INPUT:
-        return not os.path.lexists(file)
-    try:
-        status = file.stat()
-        descriptor = 0 if str(file) == "/dev/stdin" else int(file.name)
-        return not file.is_file() and os.path.samestat(status, os.fstat(descriptor))
-    except (OSError, ValueError, OverflowError):
-        return False
-
-
-@contextmanager
-def kept(file: Path, max_bytes: int) -> Iterator[Path]:
-    """Copy a stream into a file, which is there while the context lasts."""
-    with TemporaryDirectory(prefix="eivor-") as folder:
-        copy = Path(folder) / NAME
-        try:
-            with _opened(file) as stream, copy.open("wb") as target:
-                size = 0
-                while block := stream.read(_BLOCK_BYTES):
-                    size += len(block)
-                    if size > max_bytes:
-                        raise LogTooLargeError(
-                            f"a log of at most {max_bytes} bytes",
-                            f"more from {NAME}",
-                            "Cut the log to the manoeuvre of interest, or save it and raise the limit: "
-                            "read_log(max_bytes=...).",
-                        )
-                    target.write(block)
-        except OSError as error:
-            received = f"what cannot be copied: {error.strerror or error}"
-            raise InputError(f"a log from {NAME}", received, "Save it, and give the file.") from error
-        yield copy
-
-
-def _opened(file: Path) -> AbstractContextManager[BinaryIO]:
-    if str(file) != STANDARD_INPUT:
-        return file.open("rb")
-    if sys.stdin is None or sys.stdin.closed or sys.stdin.isatty():
-        expected = f"a log from {NAME}"
-        raise InputError(expected, "nothing that is piped into it", f"Write `... | eivor identify {file}`.")
-    return nullcontext(sys.stdin.buffer)
 
 
 #: Unit as written in a map: its SI unit, and how many of that one of it is.

@@ -207,8 +207,7 @@ def read_log(
     ----------
     path : str or path
         A ULog, a DataFlash log, a Crazyflie's microSD log or a blackbox log. A ROS bag, its folder, or MCAP.
-        A CSV, Parquet, MATLAB or HDF5 file. "-" reads standard input, by way of a
-        temporary file.
+        A CSV, Parquet, MATLAB or HDF5 file.
     channel_map : str or path, optional
         For tables, variables of a Crazyflie, and topics of bags: a channel map (TOML), or the name of a
         shipped one ("nanobench", "rotorpy"). Not needed for canonical column names, for variables and topics
@@ -252,13 +251,6 @@ def read_log(
         str(file).encode("utf-8")  # as which the table readers take their paths
     except UnicodeEncodeError as error:
         raise InputError("a path in UTF-8", repr(os.fsencode(file)), "Rename the file or folder.") from error
-    if common.is_stream(file):
-        with common.kept(file, max_bytes) as copy:
-            return _read(copy, channel_map, max_bytes)
-    return _read(file, channel_map, max_bytes)
-
-
-def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int) -> Recording:
     size = _log_size(file)
     if size == 0:
         raise EmptyLogError("a log", f"'{file.name}', which is empty (0 bytes)", "Copy the file again.")
