@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 
 import eivor as ev
@@ -19,7 +18,6 @@ from eivor.lab.scenario_files import (
     SCENARIOS,
     flight_from_table,
     read_scenario,
-    read_study,
     rigid_body_flight_from_table,
     shipped_files,
     shipped_rigid_body_flight,
@@ -182,43 +180,15 @@ VALUES = np.random.default_rng(4).standard_normal(60)
 
 @pytest.fixture
 def series(tmp_path, read):
-    """Reads a scenario whose excitation is a column of a file, or what else `values` says."""
+    """Reads a scenario whose excitation is what `values` says."""
     return lambda values: read(f'{SCENARIO}[excitation]\nkind = "series"\nvalues = {values}\n')
 
 
-def table(**columns):
-    return pl.DataFrame({"time": np.arange(60.0), "u": VALUES} | columns)
-
-
-@pytest.mark.parametrize("name", ["mine.csv", "mine.parquet", "below/mine.CSV"])
-def test_column_is_the_input(series, tmp_path, name):
-    (tmp_path / "below").mkdir()
-    write = pl.DataFrame.write_parquet if name.endswith("parquet") else pl.DataFrame.write_csv
-    write(table(), tmp_path / name)
-    scenario = series(f'{{ file = "{name}", column = "u" }}')
+def test_a_list_is_the_input(series):
+    scenario = series(VALUES.tolist())
     assert scenario.excitation == GivenSeries(tuple(VALUES.tolist()))
     truth = ev.simulate(scenario, np.random.default_rng(0)).truth
     np.testing.assert_array_equal(truth.channel("input"), VALUES)
-
-
-def study_identity(folder, values):
-    path = folder / "study.toml"
-    body = SCENARIO + f'excitation = {{ kind = "series", values = {values} }}\n'
-    path.write_text(f'runs = 2\nseed = 1\n[scenario]\n{body}[[methods]]\nname = "least_squares"\n')
-    return read_study(path).identity
-
-
-def test_a_study_depends_on_the_numbers_and_not_on_the_file(tmp_path):
-    table().write_csv(tmp_path / "one.csv")
-    table(v=VALUES).write_parquet(tmp_path / "two.parquet")
-    changed = VALUES.copy()
-    changed[59] += 1e-15
-    table(u=changed).write_csv(tmp_path / "three.csv")
-    names = {name: f'{{ file = "{name}", column = "u" }}' for name in ("one.csv", "two.parquet", "three.csv")}
-    results = {name: study_identity(tmp_path, values) for name, values in names.items()}
-    assert results["one.csv"] == results["two.parquet"] == study_identity(tmp_path, str(VALUES.tolist()))
-    assert results["one.csv"] == study_identity(tmp_path, '{ file = "two.parquet", column = "v" }')
-    assert results["three.csv"] != results["one.csv"]
 
 
 VEHICLE = """
@@ -317,7 +287,6 @@ def test_examples_are_read_and_simulated(tmp_path):
     examples = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
     about_hover, trends, flight, whole = examples[:4]  # then those of studies
     path = tmp_path / "mine.toml"
-    (tmp_path / "mine.csv").write_text("a1\n" + "0.5\n-0.5\n" * 50, encoding="utf-8")
     path.write_text(f"viscous_friction = 0.3\ninput_gain = 0.02\nsamples = 100\n{trends}", encoding="utf-8")
     assert ev.simulate(read_scenario(path), np.random.default_rng(0)).signals.sample_count == 100
     path.write_text(about_hover, encoding="utf-8")

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from test_disturbances import STEP_S, rng, sampled
 from test_scenario_files import CONTROL as VELOCITY
 from test_scenario_files import REST, SCENARIO, TRUTH, VEHICLE
-from test_scenario_files import table as columns
 from test_simulate import CONTROL, FALLING, OPEN, QUIET, QUIET_BODY, fly_body, with_rotors
 
 import eivor as ev
@@ -143,57 +141,7 @@ MISTAKES = rows("mistake in a scenario", InputError, of_scenario,
     (TRUTH + VELOCITY + "[noise.position_z]\nkind='white'\nstd=1",
         "received noise of 'position_z'.*under altitude control only"),
     ("viscous_friction = ", "which is not"),
-)  # fmt: skip
-
-
-def of_series(values, tmp_path):
-    outside = tmp_path.parent / f"{tmp_path.name}-outside.csv"
-    columns().write_csv(outside)
-    for name in ("below", "folder.csv"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "link.csv").symlink_to(outside)
-    (tmp_path / "loop.csv").symlink_to(tmp_path / "loop.csv")
-    (tmp_path / "broken.parquet").write_bytes(b"PAR1 no more")
-    (tmp_path / "empty.csv").write_text("")
-    holes = {"hole": [1.0] * 59 + [None], "infinite": [np.inf] + [1.0] * 59}
-    columns(word=["1", "2", "x", *["4"] * 57], **holes).write_csv(tmp_path / "mine.csv")
-    columns(flag=[True] * 60, nan=[np.nan] * 60, **holes).write_parquet(tmp_path / "mine.parquet")
-    file, _, column = values.partition(":")
-    values = f'{{ file = "{file}", column = "{column}" }}' if column else values
-    of_scenario(f'{SCENARIO}[excitation]\nkind = "series"\nvalues = {values}\n', tmp_path)
-
-
-SERIES = rows("series", InputError, of_series,
-    ("none.csv:u", "a file that exists at excitation.values.file of one.toml; received 'none.csv'"),
-    ("../mine.csv:u", "beside the scenario or in a folder below it"),
-    ("link.csv:u", "beside the scenario or in a folder below it"),
-    ("loop.csv:u", "beside the scenario or in a folder below it|a file that exists"),
-    ("folder.csv:u", "a file that exists"),
-    ("below:u", "ends in .csv or .parquet"),
-    ("broken.parquet:u", "a table as PARQUET.*'broken.parquet', which is not"),
-    ("empty.csv:u", "a table as CSV.*'empty.csv', which is not"),
-    ("mine.csv:U", r"a column out of time, u, .*received 'U', not in mine.csv"),
-    ("mine.csv:word", "finite numbers in column 'word' of mine.csv.*received 'x'.*See its row 3, not"),
-    ("mine.csv:hole", "finite numbers in column 'hole'.*received no value.*row 60"),
-    ("mine.csv:infinite", "finite numbers in column 'infinite'.*received 'inf'.*row 1,"),
-    ("mine.parquet:flag", "values of Boolean"),
-    ("mine.parquet:hole", "no value"),
-    ("mine.parquet:nan", "received nan"),
-    ('{ file = "mine.csv" }', "a text in quotes at excitation.values.column.*nothing"),
-    ('{ column = "u" }', "a text in quotes at excitation.values.file.*nothing"),
-    ('{ file = "mine.csv", column = "u", sheet = 2 }', "the unknown key 'sheet'"),
-    ('"mine.csv"', "a list of numbers or a table at excitation.values"),
-)  # fmt: skip
-
-
-def too_large(name, most, tmp_path, monkeypatch):
-    monkeypatch.setattr(files, name, most)
-    of_series("mine.csv:u", tmp_path)
-
-
-LARGE = rows("too large", InputError, too_large,
-    ("MOST_NUMBERS", 59, "59 numbers or fewer"),
-    ("LARGEST_BYTES", 100, "a file of 100 bytes or fewer"),
+    (SCENARIO + "excitation = { kind = 'series', values = 'mine.csv' }", "a list of numbers at excitation"),
 )  # fmt: skip
 
 
@@ -223,7 +171,7 @@ NO_FILES = calls("no file", InputError,
 
 
 test_refused = table(
-    *(DISTURBANCES, PARTS, SCENARIOS, SPECIFICATIONS, NAMES, MISTAKES, SERIES, LARGE, FLIGHT_FILES),
+    *(DISTURBANCES, PARTS, SCENARIOS, SPECIFICATIONS, NAMES, MISTAKES, FLIGHT_FILES),
     NO_FILES,
     begins="Expected .*",
 )

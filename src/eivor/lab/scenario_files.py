@@ -13,7 +13,6 @@ from types import UnionType
 from typing import Annotated, Any, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 import msgspec
-import polars as pl
 
 from eivor import checks
 from eivor.errors import EivorError, UsageError, did_you_mean
@@ -33,82 +32,7 @@ from eivor.simulation import excitation
 from eivor.simulation.environment import SensorNoise
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from eivor.simulation.vertical import VerticalFlightSpec
-from eivor.strict_toml import LARGEST_NUMBER, Text, TomlTable, read_toml
-
-FORMATS = (".csv", ".parquet")
-#: Larger files, and longer columns, are no excitation: they would be held whole in every process.
-LARGEST_BYTES, MOST_NUMBERS = 200_000_000, 10_000_000
-
-
-class _NumberFile(msgspec.Struct, forbid_unknown_fields=True):
-    file: Text
-    column: Text
-
-
-def numbers_in_file(table: TomlTable) -> tuple[float, ...]:
-    """Numbers of a table ``{ file = ..., column = ... }``."""
-    given = table.convert(_NumberFile)
-    path, name = _path(table, given.file), given.column
-
-    column = _column(table, path, name)
-    table.files.add(path)
-    numbers = column.str.strip_chars().cast(pl.Float64, strict=False) if column.dtype == pl.String else column
-    numbers = numbers.cast(pl.Float64, strict=False)
-    bad = numbers.is_null() | ~numbers.is_finite() | (numbers.abs() > LARGEST_NUMBER)
-    if bad.any():
-        row = bad.arg_max()
-        value = column[row] if row is not None else None
-        expected = f"finite numbers in column '{name}' of {path.name}, up to {LARGEST_NUMBER:g} in size"
-        remedy = f"See its row {0 if row is None else row + 1}, not counting the header."
-        raise table.wrong("column", expected, "no value" if value is None else repr(value)[:60], remedy)
-    return tuple(numbers.to_list())
-
-
-def _path(table: TomlTable, text: str) -> Path:
-    """File that a text names, which is inside the folder of the scenario."""
-    relative = Path(text)
-    inside = not relative.is_absolute() and ".." not in relative.parts
-    path = table.folder / relative
-    try:
-        inside = inside and path.resolve().is_relative_to(table.folder.resolve())
-    except (OSError, ValueError, RuntimeError):  # a loop of links, a name that no system has
-        inside = False
-    if not inside:
-        expected = "a file beside the scenario or in a folder below it"
-        raise table.wrong("file", expected, f"'{text}'", "Put it there.")
-    if path.suffix.lower() not in FORMATS:
-        raise table.wrong("file", f"a file that ends in {' or '.join(FORMATS)}", f"'{text}'")
-    if not path.is_file():
-        raise table.wrong("file", "a file that exists", f"'{text}', which does not", "Check the name.")
-    if path.stat().st_size > LARGEST_BYTES:
-        raise table.wrong("file", f"a file of {LARGEST_BYTES} bytes or fewer", f"'{text}', larger than that")
-    return path
-
-
-def _column(table: TomlTable, path: Path, name: str) -> pl.Series:
-    """Column as it is stored; as texts from CSV, so that what is no number can be shown."""
-    try:
-        if path.suffix.lower() == ".csv":
-            lazy = pl.read_csv(path, infer_schema=False).lazy()  # the whole of it: every row is checked
-        else:
-            lazy = pl.scan_parquet(path, hive_partitioning=False)
-        names = lazy.collect_schema().names()
-        result = lazy.select(name).head(MOST_NUMBERS + 1).collect()[name] if name in names else None
-    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise table.wrong(
-            "file", f"a table as {path.suffix.lower()[1:].upper()}", f"'{path.name}', which is not: {reason}"
-        ) from error
-    if result is None:
-        remedy = did_you_mean(name, names, "Name one of its columns.")
-        text = ", ".join(names[:20]) or "none"
-        raise table.wrong("column", f"a column out of {text}", f"'{name}', not in {path.name}", remedy)
-    if not (result.dtype.is_numeric() or result.dtype == pl.String):
-        raise table.wrong("column", f"numbers in column '{name}' of {path.name}", f"values of {result.dtype}")
-    if result.len() > MOST_NUMBERS:
-        raise table.wrong("column", f"{MOST_NUMBERS} numbers or fewer", "more", "Cut the file.")
-    return result
-
+from eivor.strict_toml import TomlTable, read_toml
 
 Maker = Callable[..., Any]
 
@@ -229,7 +153,7 @@ def _required(annotation: Any) -> Any:
 _PLAIN: Mapping[Any, Any] = {
     **{kind: kind for kind in (float, int, str, bool)},
     tuple[int, int]: list[int],
-    tuple[float, ...]: list[float] | dict[str, Any],
+    tuple[float, ...]: list[float],
     tuple[int, ...]: list[float],
     tuple[str, ...]: list[str],
     tuple[tuple[float, ...], ...]: list[list[float]],
@@ -253,8 +177,6 @@ def _value(table: TomlTable, name: str, value: Any, annotation: Any) -> Any:
         raise table.wrong(name, "a list of whole numbers", repr(table.values[name]))
     if annotation == tuple[int, ...]:
         return tuple(map(round, value))
-    if annotation in _PLAIN and isinstance(value, dict):
-        return numbers_in_file(table.part(name))
     if isinstance(value, dict):
         return _of_table(table.part(name), annotation)
     if isinstance(value, list) and annotation in _PLAIN:
