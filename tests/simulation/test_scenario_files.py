@@ -123,7 +123,6 @@ KINDS = {
         "arma; std = 1; autoregression = [0.5]",
         "random_coefficient_moving_average",
         "threshold_moving_average; thresholds = [0]; coefficients = [[0.1], [0.9]]; delay = 2",
-        "bilinear; coefficient = 0.3",
         "garch; floor = 0.1; shocks = [0.85]; largest_square = 1e4",
         "variance_switch; series = { kind = 'white', std = 1.0 }",
         "trend; coefficients = [0, 3]",
@@ -133,9 +132,8 @@ KINDS = {
         "sum; parts = [{ kind = 'paper' }, { kind = 'white', std = 1 }]",
         "time_varying_arma; std = 1; autoregression = [{ amplitude = 0.8, cycles = 3 }]",
         f"series; values = [{ONES}]",
-        "bilinear_sum; terms = [{ coefficient = 0.3 }, { coefficient = -0.2, series_lag = 4 }]",
-        "time_varying_arma; std = 1; autoregression = [{ kind = 'sum', parts = [{ mean = 0.3 }, "
-        f"{{ kind = 'series', series = [{TENTHS}] }}] }}]",
+        "bilinear; terms = [{ coefficient = 0.3 }, { coefficient = -0.2, series_lag = 4 }]",
+        f"time_varying_arma; std = 1; autoregression = [{{ kind = 'series', series = [{TENTHS}] }}]",
     ],
     "excitation": [
         "white",

@@ -75,23 +75,6 @@ class GivenCourse(CoefficientPath):
         return beginning_of(self.series, count)
 
 
-@dataclass(frozen=True, slots=True)
-class SumOfCourses(CoefficientPath):
-    """Several courses, added: more than one sinusoid, say."""
-
-    parts: tuple[CoefficientPath, ...]  # Each with its kind
-
-    def __post_init__(self) -> None:
-        given("parts", self.parts)
-
-    @property
-    def longest(self) -> int | None:
-        return min((part.longest for part in self.parts if part.longest is not None), default=None)
-
-    def values(self, count: int) -> Float[np.ndarray, " count"]:
-        return np.sum([part.values(count) for part in self.parts], axis=0)
-
-
 #: Times of the record at which changing coefficients are checked.
 CHECKED = 257
 
@@ -401,21 +384,6 @@ class Bilinear(Disturbance):
     def _growth(self) -> float:
         """Largest factor of the variance from one term to the next."""
         return (self.std * sum(abs(term.coefficient) for term in self.terms)) ** 2
-
-
-def bilinear(coefficient: float, series_lag: int = 2, shock_lag: int = 1, std: float = 1.0) -> Bilinear:
-    """Strongly subdiagonal bilinear: x[k] = w[k] + b x[k - series_lag] w[k - shock_lag].
-
-    Parameters
-    ----------
-    coefficient : float
-        b, in units of one over that of the equation.
-    series_lag, shock_lag : int
-        One or more; x must be strictly older than the shock that it multiplies.
-    std : float
-        Standard deviation of the shocks w, in the unit of the equation.
-    """
-    return Bilinear((BilinearTerm(coefficient, series_lag, shock_lag),), std)
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,8 +50,7 @@ DISTURBANCES: Mapping[str, Maker] = {
     "time_varying_arma": disturbances.TimeVaryingArma,
     "random_coefficient_moving_average": disturbances.RandomCoefficientMovingAverage,
     "threshold_moving_average": disturbances.ThresholdMovingAverage,
-    "bilinear": disturbances.bilinear,
-    "bilinear_sum": disturbances.Bilinear,
+    "bilinear": disturbances.Bilinear,
     "garch": disturbances.Garch,
     "variance_switch": disturbances.VarianceSwitch,
     "trend": disturbances.Trend,
@@ -66,7 +65,6 @@ DISTURBANCES: Mapping[str, Maker] = {
 COURSES: Mapping[str, Maker] = {
     "sinusoid": disturbances.CoefficientCourse,
     "series": disturbances.GivenCourse,
-    "sum": disturbances.SumOfCourses,
 }
 EXCITATIONS: Mapping[str, Maker] = {
     "paper": excitation.PaperInput,
