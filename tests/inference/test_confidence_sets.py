@@ -122,11 +122,6 @@ def test_shadow_of_two_parameters_is_the_least_over_the_other():
         points = np.column_stack([np.full(4001, value), other])
         scaled = (points - region.frame.pivot) / region.frame.scale
         assert (region.shape.excess(np.column_stack([np.ones(4001), scaled])).min() <= 1.0) == inside
-    (outline,) = region.outline()
-    assert (outline[:, 0].min(), outline[:, 0].max()) == pytest.approx((low, high), rel=1e-9)
-    assert outline[:, 1].max() == pytest.approx(region.interval("b").hull[1], rel=1e-3)
-    inner = outline[5:-5:20]
-    assert [region.excess(corner) for corner in inner] == pytest.approx([1.0] * len(inner), abs=1e-5)
 
 
 @pytest.mark.thorough
@@ -357,7 +352,6 @@ test_refused = table(
         (partial(classical, PSI, TWICE), CollinearError, "errors that vary"),
         (partial(robust, TRIPLED, COLUMNS), CollinearError, "errors that vary"),
         (partial(averages_for, 20, 4), TooFewSamplesError, "at least 32 samples for 4 moment"),
-        (REGION.outline, UsageError, "two parameters"),
         (partial(REGION.interval, "z"), UsageError, "out of a; received 'z'"),
         (partial(sign_perturbed, ENTRIES, ENTRIES), CollinearError, "independent instruments"),
         (partial(ConfidenceSet.from_quadratic, inf, 0.0, 0.0), ParameterError, "finite coefficients"),

@@ -290,7 +290,7 @@ def anderson_rubin_set(
     Returns
     -------
     AndersonRubinSet
-        `region.contains(theta)`, `region.outline()`, `interval(name)`, `summary()`.
+        `region.contains(theta)`, `interval(name)`, `summary()`.
 
     Raises
     ------

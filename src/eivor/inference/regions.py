@@ -6,7 +6,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import groupby
 from math import inf
 
 import numpy as np
@@ -33,8 +32,6 @@ SEARCH_STARTS = 4
 #: Step of its numerical slope, and the share of the critical value up to which kinks are searched.
 SEARCH_STEP = 1e-5
 KINK_SHARE = 1.5
-#: Corners of each side of an outline.
-OUTLINE_CORNERS = 201
 
 Points = Float[np.ndarray, "k n_plus_1"]
 
@@ -117,61 +114,6 @@ class ConfidenceRegion:
         axis = checks.index_of("a parameter", name, self.names)
         return self.frame.in_units(self.shape.shadow(axis + 1, 1 + len(self.names)), axis)
 
-    def outline(
-        self, window: tuple[tuple[float, float], tuple[float, float]] | None = None
-    ) -> tuple[Float[np.ndarray, "corners 2"], ...]:
-        """Polygons that together make the region of two parameters, for drawing.
-
-        Parameters
-        ----------
-        window : pair of (low, high), optional
-            Part of the plane, in the parameters' units; a must for a region without bounds.
-
-        Returns
-        -------
-        tuple of ndarray, shape (corners, 2)
-            Polygons whose corners lie on the region's boundary, or on the window's. Where a hole or a branch
-            begins, polygons touch. None for an empty region.
-
-        Raises
-        ------
-        UsageError
-            When the region does not have two parameters, or has no bounds and no window is given.
-        """
-        if len(self.names) != 2:
-            remedy = "Use interval(name) for each."
-            raise UsageError("a region of two parameters", f"one of {len(self.names)}", remedy)
-        remedy = "Give window=((low, high), (low, high)) in the parameters' units."
-        if window is not None:
-            checks.items("window", window, (tuple, list), "two pairs of numbers", remedy)
-            for pair in window:
-                checks.items("window", pair, checks.NUMBERS, "two pairs of numbers", remedy)
-            if [len(pair) for pair in window] != [2, 2]:
-                raise UsageError("a window of two pairs of numbers", f"{window}", remedy)
-        across = self.interval(self.names[0])
-        if window is None:
-            if not (across.is_bounded and self.interval(self.names[1]).is_bounded):
-                raise UsageError("a window, since the region has no bounds", "none", remedy)
-            window = (-inf, inf), (-inf, inf)
-        stretches = _cut(across, window[0]).intervals
-        return tuple(polygon for ends in stretches for polygon in self._sliced(*ends, window[1]))
-
-    def _sliced(self, low: float, high: float, window: tuple[float, float]) -> list[np.ndarray]:
-        """Polygons between two values of the first parameter, slice by slice."""
-        # even in the angle seen from the pivot, denser towards both ends
-        first, last = np.arctan((np.array([low, high]) - self.frame.pivot[0]) / self.frame.scale[0])
-        turns = 0.5 * (first + last) - 0.5 * (last - first) * np.cos(np.linspace(0.0, np.pi, OUTLINE_CORNERS))
-        values = self.frame.pivot[0] + self.frame.scale[0] * np.tan(turns)
-        # The very ends touch the region in a point, which rounding may miss.
-        values[0], values[-1] = np.nextafter(low, high), np.nextafter(high, low)
-        slices = []
-        for value in values.tolist():  # the second parameter's members where the first has a value
-            base = np.array([1.0, (value - self.frame.pivot[0]) / self.frame.scale[0], 0.0])
-            here = self.frame.in_units(self.shape.along(base, np.array([0.0, 0.0, 1.0])), 1)
-            slices.append((value, _cut(here, window)))
-        chains = groupby(slices, key=lambda item: len(item[1].intervals))
-        return [polygon for _, chain in chains for polygon in _polygons(list(chain))]
-
 
 def least_points(shape: RegionShape, size: int) -> list[Point]:
     """Points at which the statistic has a local minimum, the least first."""
@@ -234,21 +176,6 @@ def _end(meets: Callable[[float], bool], low: float, high: float, inside_low: bo
         else:
             high = middle
     return low if inside_low else high
-
-
-def _cut(confidence_set: ConfidenceSet, window: tuple[float, float]) -> ConfidenceSet:
-    cut = ((max(low, window[0]), min(high, window[1])) for low, high in confidence_set.intervals)
-    return ConfidenceSet.union((low, high) for low, high in cut if low <= high)
-
-
-def _polygons(slices: list[tuple[float, ConfidenceSet]]) -> list[np.ndarray]:
-    """Polygon of each piece of successive slices that have equally many."""
-    polygons = []
-    for piece in range(len(slices[0][1].intervals) if len(slices) > 1 else 0):
-        lower = [(value, here.intervals[piece][0]) for value, here in slices]
-        upper = [(value, here.intervals[piece][1]) for value, here in reversed(slices)]
-        polygons.append(np.array(lower + upper))
-    return polygons
 
 
 @dataclass(frozen=True)
