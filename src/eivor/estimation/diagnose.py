@@ -48,16 +48,16 @@ class Record:
     step_s: float | None  # Time between samples [s]
     thinning: int | None = None
 
-    @property
+    @cached_property
     def score_sums(self) -> Float[np.ndarray, "K n"]:
         """Sums of the estimating equation's scores over each block."""
         return self.products.equation_sums @ self.weights
 
-    @property
-    def sensitivities(self) -> Float[np.ndarray, "K n n"]:
-        """Minus their derivatives by the joint vector."""
-        products = self.products
-        return self.weights.T @ (products.cross - products.counts[:, None, None] * products.shared)
+    @cached_property
+    def influences(self) -> Float[np.ndarray, "K n"]:
+        """What each block adds to each parameter."""
+        sensitivity = self.products.count * self.weights.T @ self.products.sensitivity
+        return residuals.influences(self.score_sums, sensitivity)
 
 
 def record_of(estimate: Estimate) -> Record:
@@ -329,10 +329,8 @@ class Diagnostics:
     @cached_property
     def constancy(self) -> residuals.Constancy | None:
         """Whether the parameters changed during the record; None for fewer than 64 samples."""
-        sums = self.record.score_sums
-        if sums.shape[0] % residuals.GROUPS:
-            return None
-        return residuals.constancy(sums, np.asarray(self.record.sensitivities.sum(axis=0)))
+        whole = self.record.products.counts.size % residuals.GROUPS == 0
+        return residuals.constancy(self.record.influences) if whole else None
 
     @cached_property
     def periodicity(self) -> excitation.Periodicity | None:
@@ -348,7 +346,7 @@ class Diagnostics:
         if not self.in_one_flight or counts.size < excitation.LEAST_BLOCKS or self.fits_exactly:
             return None
         step, times = record.step_s or 1.0, self.times
-        made = residuals.influences(record.score_sums, np.asarray(record.sensitivities.sum(axis=0)))
+        made = record.influences
         named = tuple(zip(self.names, self.estimate.units, strict=True))
         if left_over is None and not self.in_frequency:
             first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
@@ -363,15 +361,16 @@ class Diagnostics:
     @cached_property
     def leverage(self) -> residuals.SegmentLeverage | None:
         """What leaving out each of ten segments of equal length does; None for too few samples."""
-        record = self.record
-        counts = record.products.counts
+        record, products = self.record, self.record.products
+        counts = products.counts
         if counts.size < 2 * SEGMENTS or self.fits_exactly:
             return None
         edges = block_edges(counts.size, SEGMENTS)
         ends = np.concatenate([[0.0], np.cumsum(counts)])[edges]
+        cross = np.add.reduceat(products.cross, edges[:-1], axis=0)
         return residuals.segment_leverage(
             np.add.reduceat(record.score_sums, edges[:-1], axis=0),
-            np.add.reduceat(record.sensitivities, edges[:-1], axis=0),
+            record.weights.T @ (cross - np.diff(ends)[:, None, None] * products.shared),
             self.subject.std_errors,
             tuple((int(a), int(b)) for a, b in pairwise(ends)),
         )

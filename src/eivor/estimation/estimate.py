@@ -178,9 +178,9 @@ class Estimate:
 
     def prior_rows(self) -> Float[np.ndarray, "k n"]:
         """Rows of pseudo-observations of what is known beforehand, over the square root of their variance."""
-        return np.pad(
-            self.known, ((0, 0), (self.theta.size, self.unknowns - self.theta.size - self.known.shape[1]))
-        )
+        rows = np.zeros((len(self.known), self.unknowns))
+        rows[:, self.theta.size : self.theta.size + self.known.shape[1]] = self.known
+        return rows
 
     @cached_property
     def equation(self) -> EstimatingEquation:
@@ -481,7 +481,8 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
     lengths = row_lengths(stacked)[:, None]  # as many equations as unknowns: coordinates without their units
     combinations, R = np.linalg.qr(stacked / lengths)
     root = (combinations * lengths).T @ stacked
-    combinations, pseudo = np.split(combinations / lengths, [A.shape[0]])
+    combinations /= lengths
+    combinations, pseudo = combinations[: A.shape[0]], combinations[A.shape[0] :]
     if factor is not None:
         combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
     combined = constant @ combinations

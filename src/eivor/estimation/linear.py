@@ -243,8 +243,8 @@ def overstated_noise(moments: Moments, parameters: tuple[Parameter, ...]) -> tup
     if not isinstance(moments, CrossMoments) or moments.noise is None:
         return ()
     cross, noise = moments.equations[:, :-1], moments.noise[:, :-1]
-    powers = np.outer(np.diag(moments.instruments), np.diag(moments.columns)[:-1])
-    itself = (powers > 0.0) & (cross**2 >= (1.0 - SAME_COLUMN) * powers)
+    beyond = np.argwhere(noise * np.sign(cross) >= np.abs(cross)).tolist()
+    powers = np.diag(moments.instruments), np.diag(moments.columns)
     return tuple(
         Reason(
             Status.WEAK,
@@ -253,7 +253,8 @@ def overstated_noise(moments: Moments, parameters: tuple[Parameter, ...]) -> tup
             " times its root mean square.",
             "Declare a smaller noise, or use instruments that share none of it.",
         )
-        for row, column in np.argwhere(itself & (noise * np.sign(cross) >= np.abs(cross))).tolist()
+        for row, column in beyond
+        if cross[row, column] ** 2 >= (1.0 - SAME_COLUMN) * powers[0][row] * powers[1][column] > 0.0
     )
 
 

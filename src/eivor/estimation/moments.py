@@ -253,17 +253,17 @@ class CrossMoments:
     @property
     def equations(self) -> Float[np.ndarray, "p n_plus_1"]:
         """mean(psi [phi' y])."""
-        return np.asarray(self.products.equations.sum(axis=0)) / self.rows
+        return self.products.mean[: self.products.tested, self.products.tested :]
 
     @property
     def instruments(self) -> Float[np.ndarray, "p p"]:
         """mean(psi psi')."""
-        return np.asarray(self.products.instruments.sum(axis=0)) / self.rows
+        return self.products.mean[: self.products.tested, : self.products.tested]
 
     @property
     def columns(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
         """mean([phi y] [phi y]')."""
-        return np.asarray(self.products.columns.sum(axis=0)) / self.rows
+        return self.products.mean[self.products.tested :, self.products.tested :]
 
     def shared_noise(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " p"]:
         """What the noises add to each row's products with the residual on average, C theta - c."""

@@ -263,12 +263,11 @@ def sandwich(M: Matrix, meat: Matrix) -> Matrix:
     # units apart by many powers of ten (a gain per squared rotor speed) must not pass for collinearity
     columns = column_scale(M)
     rows = column_scale((M * columns).T)
-    scaled = rows[:, None] * M * columns
-    try:
-        half = np.linalg.solve(scaled, np.outer(rows, rows) * meat)
-        covariance: Matrix = np.linalg.solve(scaled, half.T)
-    except np.linalg.LinAlgError as error:
-        raise singular_sensitivity() from error
+    lapack = scipy.linalg.lapack
+    factor, pivots, half, singular = lapack.dgesv(rows[:, None] * M * columns, np.outer(rows, rows) * meat)
+    if singular:
+        raise singular_sensitivity()
+    covariance: Matrix = lapack.dgetrs(factor, pivots, half.T)[0]
     with np.errstate(over="ignore", invalid="ignore"):
         result: Matrix = np.outer(columns, columns) * (0.5 * (covariance + covariance.T))
     if not bool((np.abs(result) <= LARGEST_VARIANCE).all()):
@@ -351,9 +350,11 @@ def cosine_averages(
 ) -> Float[np.ndarray, "averages *shape"]:
     """sqrt(count) L_j of scores that are all at hand."""
     count = scores.shape[0]
-    spectrum = np.fft.fft(np.concatenate([scores[::2], scores[1::2][::-1]]), axis=0)[1 : averages + 1]
-    turned = np.exp(-0.5j * np.pi * np.arange(1, averages + 1) / count)[: spectrum.shape[0]]
-    return np.sqrt(2.0) * (turned * spectrum.T).T.real
+    spectrum = np.fft.rfft(np.concatenate([scores[::2], scores[1::2][::-1]]).reshape(count, -1).T)
+    numbers = np.arange(1, min(averages, count - 1) + 1)
+    mirrored = np.minimum(numbers, count - numbers)  # beyond the middle a spectrum is conjugate
+    turns = np.exp(0.5j * np.pi / count * np.where(mirrored < numbers, numbers, -numbers))
+    return np.sqrt(2.0) * (turns * spectrum[:, mirrored]).real.T.reshape(-1, *scores.shape[1:])
 
 
 def long_run_mean_variance(series: Float[np.ndarray, " samples"]) -> float:

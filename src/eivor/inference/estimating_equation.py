@@ -91,9 +91,8 @@ def singular_sensitivity() -> CollinearError:
     )
 
 
-#: Blocks shorter than this many rows are multiplied many at once, and so many numbers are held at a time.
+#: Blocks shorter than this many rows are multiplied many at once.
 SHORT_BLOCK = 64
-CHUNK_PRODUCTS = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -144,10 +143,15 @@ class Products:
         """y^2 of each block; e^2 at an estimate."""
         return self.columns[:, -1, -1]
 
-    @property
+    @cached_property
     def count(self) -> float:
         """Rows in all blocks."""
         return float(self.counts.sum())
+
+    @cached_property
+    def mean(self) -> Float[np.ndarray, "left right"]:
+        """Mean over the rows of all blocks."""
+        return np.asarray(self.sums.sum(axis=0) / self.count)
 
     @property
     def total(self) -> Products:
@@ -211,11 +215,11 @@ def _sum_short_blocks(
     edges: Int[np.ndarray, " K_plus_1"],
     sums: Float[np.ndarray, "K m m"],
 ) -> None:
-    """Fill sums of many short blocks, each of at least one row."""
-    blocks, rows = sums.shape[0], int(edges[-1] - edges[0])
-    step = max(1, int(CHUNK_PRODUCTS * blocks / max(columns.shape[1] ** 2 * rows, 1)))
-    for first in range(0, blocks, step):
-        last = min(first + step, blocks)
-        here = columns[edges[first] : edges[last]]
-        products = here[:, :, None] * here[:, None, :]
-        sums[first:last] = np.add.reduceat(products, edges[first:last] - edges[first], axis=0)
+    """Fill sums of many short blocks: the first row of all of them, then the second."""
+    firsts, counts = edges[:-1], np.diff(edges)
+    here = columns[firsts]
+    np.multiply(here[:, :, None], here[:, None, :], out=sums)
+    for row in range(1, int(counts.max())):
+        longer = slice(None) if row < counts.min() else np.flatnonzero(counts > row)
+        here = columns[firsts[longer] + row]
+        sums[longer] += here[:, :, None] * here[:, None, :]

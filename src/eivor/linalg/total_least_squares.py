@@ -32,11 +32,8 @@ Covariances = Float[np.ndarray, "m n_plus_1 n_plus_1"]
 def solve_augmented(A: Matrix, b: PerRow, upper: float, lower: float, below: Vector | None = None) -> Vector:
     """Theta of the augmented system with `upper` and `lower` on its diagonal blocks, and `below` for c."""
     rows, unknowns = A.shape
-    matrix = np.zeros((rows + unknowns, rows + unknowns))
-    matrix[:rows, :rows] = upper * np.eye(rows)
-    matrix[:rows, rows:] = A
-    matrix[rows:, :rows] = A.T
-    matrix[rows:, rows:] = lower * np.eye(unknowns)
+    matrix = np.diag([upper] * rows + [lower] * unknowns)
+    matrix[:rows, rows:] = A  # the upper triangle is enough
     right = np.concatenate([b, np.zeros(unknowns) if below is None else below])
     with np.errstate(all="ignore"):
         solution: Float[np.ndarray, " size"] = scipy.linalg.lapack.dsysv(matrix, right)[2].ravel()

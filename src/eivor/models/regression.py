@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -51,7 +52,7 @@ class Column:
         remedy = "Only past samples are regressors."
         checks.counted("lag", self.lag, 0, "a lag of zero or more samples", remedy)
         checks.number("gain", self.gain)
-        if not np.isfinite(self.gain):
+        if not math.isfinite(self.gain):
             raise UsageError("a finite gain", f"{self.gain}", "A column of zeros has the gain 0.")
 
     @property
@@ -374,7 +375,7 @@ def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
     scale = np.sqrt(np.abs(np.diag(matrix)))
     scale = np.where(scale > 0.0, scale, 1.0)
     unit = matrix / np.outer(scale, scale)
-    if not np.allclose(unit, unit.T, rtol=0.0, atol=1e-10):
+    if np.abs(unit - unit.T).max(initial=0.0) > 1e-10:
         raise CovarianceError("a symmetric covariance", "one that is not", "Symmetrise it: 0.5 * (C + C.T).")
     smallest = float(np.linalg.eigvalsh(unit)[0])
     if smallest < -1e-10:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -48,10 +49,10 @@ class Signals:
         checks.whole("offset", self.offset)
         checks.mapping("channels", self.channels, object, "values")
         checks.mapping("noise", self.noise, MeasurementNoise, "noises")
-        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
+        if not 0.0 < self.rate_hz < math.inf:
             remedy = "Give the number of samples per second."
             raise NonFiniteError("a positive rate in Hz", f"rate_hz={self.rate_hz}", remedy)
-        if not np.isfinite(self.start_s) or self.offset < 0:
+        if not math.isfinite(self.start_s) or self.offset < 0:
             expected = "a finite start, and an offset of zero samples or more"
             received = f"start_s={self.start_s}, offset={self.offset}"
             raise NonFiniteError(expected, received, "Leave them out where they are not known.")
@@ -70,10 +71,10 @@ class Signals:
             expected = f"noise of the channels {', '.join(converted)}"
             received = f"noise of {', '.join(repr(name) for name in unknown)}"
             raise UsageError(expected, received, "Name channels that are there.")
-        for name, values in converted.items():
-            with np.errstate(invalid="ignore", over="ignore"):
-                if np.isfinite(values.sum()):
-                    continue  # the sum of finite values is finite almost always, and costs no copy
+        with np.errstate(invalid="ignore", over="ignore"):
+            # the sum of finite values is finite almost always, and costs no copy
+            doubtful = {name: values for name, values in converted.items() if not math.isfinite(values.sum())}
+        for name, values in doubtful.items():
             bad = ~np.isfinite(values) if mask is None else ~np.isfinite(values) & mask
             if bad.any():
                 raise NonFiniteError(

@@ -26,6 +26,8 @@ ORDINATES = 6
 NEAREST = 2
 #: Fewest blocks.
 LEAST_BLOCKS = 32
+#: Frequencies whose waves are those of one of them, turned.
+TURNED = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,9 +167,14 @@ def strongest_swings(
     """Strongest line of each series; none for fewer than 32 blocks. Performs no checks."""
     if of.times.size < LEAST_BLOCKS:
         return ()
-    frequency = np.arange(STEPS // 2, int(0.5 * STEPS * of.span / of.block) + 1) / (STEPS * of.span)
-    waves = np.exp(-2j * np.pi * np.outer(frequency, of.times - of.times[0]))
-    spectrum = waves @ (of.sums - of.sums.mean(axis=0))
+    # up to the ordinates around the highest frequency; of a block of them the first is turned for the others
+    cycles = STEPS * of.span / of.block
+    last = min(int(0.5 * cycles), int(cycles / BLOCKS_PER_CYCLE) + STEPS * (NEAREST + ORDINATES))
+    number = np.arange(STEPS // 2, last + 1)
+    frequency, turn = number / (STEPS * of.span), -2j * np.pi * (of.times - of.times[0]) / (STEPS * of.span)
+    firsts, others = (np.exp(np.outer(item, turn)) for item in (number[::TURNED], np.arange(TURNED)))
+    turned = others.T[:, :, None] * (of.sums - of.sums.mean(axis=0))[:, None]
+    spectrum = np.tensordot(firsts, turned, 1).reshape(-1, of.sums.shape[1])[: number.size]
     power = np.abs(spectrum) ** 2
     highest = 1.0 / (BLOCKS_PER_CYCLE * of.block)
     indices = np.flatnonzero((frequency >= (LEAST_CYCLES - 1e-9) / of.span) & (frequency <= highest))
@@ -218,7 +225,7 @@ class Information(Diagnostic):
 
     def worst(self, names: tuple[str, ...]) -> str:
         """The combination that is determined worst, in words: ``0.71 gain - 0.71 friction``."""
-        v = self.eigenvectors[:, 0]
+        v = self.eigenvectors[:, 0].round(9)  # equal parts keep their order
         v = v * np.sign(v[np.argmax(np.abs(v))])
         js = [j for j in np.argsort(-np.abs(v), kind="stable") if abs(v[j]) >= 0.1]
         text = " ".join(f"{'-' if v[j] < 0.0 else '+'} {abs(v[j]):.2f} {names[j]}" for j in js)
@@ -310,7 +317,7 @@ def band_power(
     if length % 2 == 0:
         power[:, -1] *= 0.5
     power[:-1] *= np.square(np.asarray(factors, dtype=np.float64))[:, None]
-    edges = np.unique(np.round(np.geomspace(1, bins + 1, BANDS + 1)).astype(np.int64)) - 1
+    edges = np.unique(np.round((bins + 1.0) ** (np.arange(BANDS + 1) / BANDS)).astype(np.int64)) - 1
     banded = np.add.reduceat(power, edges[:-1], axis=1).T
     above = np.where(banded[:, :-1] > banded[:, -1:], banded[:, :-1], 0.0).sum(axis=0)
     total = banded[:, :-1].sum(axis=0)

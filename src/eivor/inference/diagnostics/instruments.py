@@ -19,6 +19,7 @@ from eivor.inference.diagnostics.record import (
     hotelling_p_value,
     joint_averages,
     outcome_word,
+    partial_directions,
     quadratic_form,
 )
 from eivor.inference.distributions import chi_square_tail
@@ -80,28 +81,28 @@ def endogeneity(
     products: EquationProducts, weights: Float[np.ndarray, "p n"], direct: DirectScores | None = None
 ) -> Endogeneity | None:
     """Test of a direct estimate, by default of least squares, against an instrumental one; no checks."""
-    GG = np.asarray(products.regressors.sum(axis=0))
+    GG = products.count * products.regressor_mean
     scale = unit_scale(np.diag(GG))
     GG = np.outer(scale, scale) * GG  # columns of unit length: gamma and M are in their units
     if direct is None:
-        gamma = np.linalg.lstsq(GG, scale * products.regressor_response.sum(axis=0), rcond=None)[0]
+        total = products.count * products.mean[products.tested : -1, -1]
+        gamma = np.linalg.lstsq(GG, scale * total, rcond=None)[0]
         nothing = np.zeros(gamma.size)
         direct = DirectScores(gamma * scale, nothing, nothing, GG / np.outer(scale, scale))
     gamma, H = direct.difference / scale, np.outer(scale, scale) * direct.sensitivity
     weights = weights * unit_scale(np.einsum("pj,pq,qj->j", weights, products.instrument_mean, weights))
     M = products.count * weights.T @ products.sensitivity * scale
     D = np.linalg.lstsq(H.T, M.T, rcond=None)[0]
-    cross, shared = products.cross * scale, products.shared * scale
-    h = (products.instrument_response - cross @ gamma) @ weights
-    h += products.counts[:, None] * ((products.constant + shared @ gamma) @ weights)
-    regressors = products.regressors * np.outer(scale, scale)
-    power = products.power - 2.0 * (products.regressor_response * scale) @ gamma
-    power += np.einsum("i,kij,j->k", gamma, regressors, gamma)
-    s = products.regressor_response * scale - regressors @ gamma
-    s += scale * (power[:, None] * direct.pull + products.counts[:, None] * direct.constant)
-    h -= s @ D
-    PG = weights.T @ cross.sum(axis=0)
-    spread = weights.T @ products.instruments.sum(axis=0) @ weights - PG @ D - (PG @ D).T + D.T @ GG @ D
+    residual = np.append(-direct.difference, 1.0)  # of the direct estimate, as a combination of [G e]
+    h = (products.equations @ residual) @ weights
+    h += products.counts[:, None] * ((products.constant + products.shared @ direct.difference) @ weights)
+    left = products.columns @ residual
+    power = left @ residual
+    s = left[:, :-1] + power[:, None] * direct.pull + products.counts[:, None] * direct.constant
+    h -= (scale * s) @ D
+    PG = (products.count * weights.T @ products.mean[: products.tested, products.tested : -1]) * scale
+    spread = products.count * weights.T @ products.instrument_mean @ weights
+    spread += D.T @ GG @ D - PG @ D - (PG @ D).T
     values, vectors = np.linalg.eigh(spread / products.count)
     U = vectors[:, values > NO_DIFFERENCE]
     degrees = U.shape[1]
@@ -257,51 +258,38 @@ def strength(
         nothing, unknown = np.zeros(count), np.full(count, np.nan)
         return FirstStageTest(nothing, nothing, unknown, nothing, nothing, 0.0, 0.0, float("nan"))
     B = joint_averages(rank, products.counts.size)
-    scores = T.T @ (products.cross * scale - products.instruments @ (T @ a))
-    scores = scores - products.counts[:, None, None] * shared
-    L = cosine_averages(scores, B) / np.sqrt(B * products.count)
+    # psi (phi - a' T' psi)' of each block, as combinations of the columns of its products
+    unexplained = np.vstack([-(T @ a), np.diag(scale), np.zeros(count)])
+    scores = np.tensordot(products.sums, unexplained, 1)[:, : products.tested]
+    scores -= products.counts[:, None, None] * (products.shared * scale)
+    L = T.T @ cosine_averages(scores, B) / np.sqrt(B * products.count)
     cross = a.T @ shared
     residual = R - a.T @ a - cross - cross.T
-    sizes = (products.count, products.rows)
-    result = np.array([_conditional(j, a, R, residual, L, sizes) for j in range(count)])
-    least_squares = np.diag(np.linalg.pinv(R, hermitian=True))
-    two_stage = np.diag(np.linalg.pinv(a.T @ a, hermitian=True))
+    directions = partial_directions(a)
+    explained = ((a @ directions.T) ** 2).sum(axis=0)
+    total, unexplained = (((directions @ item) * directions).sum(axis=1) for item in (R, residual))
+    tested = unexplained > UNEXPLAINED
+    white, partial = np.full(count, np.inf), np.ones(count)
+    freedom = (rank - count + 1) / max(products.rows - rank, 1.0)
+    np.divide(explained, freedom * unexplained, out=white, where=tested)
+    np.divide(explained, total, out=partial, where=tested)
+    effective, critical = np.full(count, np.inf), np.full(count, np.nan)
+    for j in np.flatnonzero(tested).tolist():
+        free = (L @ directions[j]) @ _complement(np.delete(a, j, axis=1))
+        trace = float(np.sum(free**2))
+        effective[j] = products.count * explained[j] / trace if trace > 0.0 else np.inf
+        critical[j] = critical_value(free.T @ free)
+    values, vectors = np.linalg.eigh(R)
+    least_squares = (vectors**2 / np.maximum(values, np.finfo(np.float64).eps * values[-1])).sum(axis=1)
     endogenous = np.diag(residual) > UNEXPLAINED
     return FirstStageTest(
-        result[:, 2] if conditional is None else conditional,
-        result[:, 0],
-        result[:, 1],
-        result[:, 3],
-        least_squares / two_stage,
-        *_smallest(a, residual, L, endogenous, sizes),
+        white if conditional is None else conditional,
+        effective,
+        critical,
+        partial,
+        least_squares * explained,
+        *_smallest(a, residual, L, endogenous, (products.count, products.rows)),
     )
-
-
-def _conditional(
-    j: int,
-    a: Float[np.ndarray, "q n"],
-    R: Float[np.ndarray, "n n"],
-    residual: Float[np.ndarray, "n n"],
-    L: Float[np.ndarray, "averages q n"],
-    sizes: tuple[float, float],
-) -> tuple[float, float, float, float]:
-    """Effective F, its critical value, white F and partial R2 of column j given the others."""
-    (count, rows), (rank, unknowns) = sizes, a.shape
-    direction = np.zeros(unknowns)
-    others = np.arange(unknowns) != j
-    direction[j] = 1.0
-    direction[others] = -np.linalg.lstsq(a[:, others], a[:, j], rcond=None)[0]
-    explained = float(np.sum((a @ direction) ** 2))
-    total = float(direction @ R @ direction)
-    unexplained = float(direction @ residual @ direction)
-    freedom = rank - unknowns + 1
-    if unexplained <= UNEXPLAINED:
-        return float("inf"), float("nan"), float("inf"), 1.0
-    white = explained / freedom * max(rows - rank, 1.0) / unexplained
-    free = (L @ direction) @ _complement(a[:, others])
-    trace = float(np.sum(free**2))
-    effective = count * explained / trace if trace > 0.0 else float("inf")
-    return effective, critical_value(free.T @ free), white, explained / total
 
 
 def _smallest(
@@ -311,14 +299,14 @@ def _smallest(
     endogenous: np.ndarray,
     sizes: tuple[float, float],
 ) -> tuple[float, float, float]:
-    """Cragg and Donald's F, its robust counterpart and the critical value of that; see `_conditional`."""
+    """Cragg and Donald's F, its robust counterpart and the critical value of that."""
     count, rows = sizes
     if not endogenous.any():
         return float("inf"), float("inf"), float("nan")
     free = _complement(a[:, ~endogenous])
     signal = free.T @ a[:, endogenous]
     power = count * signal.T @ signal
-    noise = residual[np.ix_(endogenous, endogenous)] * count / max(rows - a.shape[0], 1.0)
+    noise = residual[endogenous][:, endogenous] * count / max(rows - a.shape[0], 1.0)
     white, _ = _least_eigenvalue(power, free.shape[1] * noise)
     L_free = np.einsum("bqe,qf->bfe", L[:, :, endogenous], free)
     robust, direction = _least_eigenvalue(power, np.einsum("bfe,bfg->eg", L_free, L_free))

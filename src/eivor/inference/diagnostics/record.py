@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from eivor.inference.covariance import cosine_averages, unit_scale
+from eivor.inference.covariance import column_scale, cosine_averages, unit_scale
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.estimating_equation import Products
 from eivor.inference.verdict import Reason
@@ -35,8 +35,9 @@ def covariance_of_total(sums: Float[np.ndarray, "K n"], averages: int) -> Float[
 def quadratic_form(total: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> float:
     """Total' covariance^-1 total, without the directions in which a singular covariance says nothing."""
     scale = unit_scale(np.diag(covariance))
-    correlation = np.outer(scale, scale) * covariance
-    return float((scale * total) @ np.linalg.lstsq(correlation, scale * total, rcond=None)[0])
+    values, vectors = np.linalg.eigh(np.outer(scale, scale) * covariance)
+    kept = np.abs(values) > np.finfo(np.float64).eps * values.size * np.abs(values).max(initial=0.0)
+    return float(((scale * total) @ vectors[:, kept]) ** 2 @ (1.0 / values[kept]))
 
 
 def hotelling_p_value(W: float, equations: int, averages: int | None) -> float:
@@ -101,6 +102,8 @@ def outcome_word(p_value: float, words: tuple[str, str, str]) -> str:
     return words[1] if p_value > BEYOND_DOUBT else words[2]
 
 
+#: Columns of unit length that differ by this share or less are the same.
+LEAST_SHARE = 1e-13
 #: Directions of the unit-length instruments with smaller singular values are noise and are dropped.
 SMALLEST_DIRECTION = 1e-4
 
@@ -123,6 +126,17 @@ def whitening(products: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p q"]:
     return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
 
 
+def partial_directions(columns: Float[np.ndarray, "q n"]) -> Float[np.ndarray, "n n"]:
+    """Row j: the combination of columns that is column j less its projection on the others."""
+    scale = column_scale(columns)
+    _, singular, rows = np.linalg.svd(columns * scale)
+    # a ridge that nothing but rounding is smaller than: of columns that are alike both have their share
+    squares = np.full(scale.size, (LEAST_SHARE * singular[0]) ** 2)
+    squares[: singular.size] += singular**2
+    inverse = (rows.T / squares) @ rows
+    return inverse / np.diag(inverse)[:, None] * scale / scale[:, None]
+
+
 def conditional_first_stage(
     basis: Float[np.ndarray, "rows p"], jacobian: Float[np.ndarray, "rows n"], exact: int = 0
 ) -> Float[np.ndarray, " n"]:
@@ -132,20 +146,14 @@ def conditional_first_stage(
     if rank < count or rows <= rank:
         return np.zeros(count)
     projected = basis.T @ jacobian
-    strengths = np.zeros(count)
-    for j in range(count):
-        others = [i for i in range(count) if i != j]
-        delta = np.linalg.lstsq(projected[:, others], projected[:, j], rcond=None)[0]
-        r = jacobian[:, j] - jacobian[:, others] @ delta
-        explained = basis.T @ r
-        unexplained = float(r @ r - explained @ explained)
-        taken = np.linalg.qr(projected[:, others])[0][:noisy]
-        degrees = noisy - float((taken**2).sum())
-        if unexplained > 0.0 and degrees > 0.0:
-            strengths[j] = float(explained @ explained) / degrees / (unexplained / (rows - rank))
-        else:
-            strengths[j] = np.inf
-    return strengths
+    left = jacobian @ partial_directions(projected).T
+    explained = ((basis.T @ left) ** 2).sum(axis=0)
+    unexplained = (left**2).sum(axis=0) - explained
+    others = (np.linalg.qr(np.delete(projected, j, axis=1))[0] for j in range(count))
+    degrees = noisy - np.array([(taken[:noisy] ** 2).sum() for taken in others])
+    tested = (unexplained > 0.0) & (degrees > 0.0)
+    strengths = np.full(count, np.inf)
+    return np.divide(explained * (rows - rank), degrees * unexplained, out=strengths, where=tested)
 
 
 def first_stage_of_products(
@@ -161,22 +169,15 @@ def first_stage_of_products(
     if degrees < 1 or rows <= available or not np.diag(instruments).all():
         return np.zeros(count)
     to_basis = whitening(instruments).T
-    noise_products = to_basis @ (np.zeros(cross.shape) if shared is None else shared)
+    noise_products = np.zeros((len(to_basis), count)) if shared is None else to_basis @ shared
     basis_products = to_basis @ cross - noise_products
-    projected = basis_products.T @ basis_products
-    strengths = np.zeros(count)
-    for j in range(count):
-        others = [i for i in range(count) if i != j]
-        delta = np.linalg.lstsq(projected[np.ix_(others, others)], projected[others, j], rcond=None)[0]
-        direction = np.zeros(count)
-        direction[j], direction[others] = 1.0, -delta
-        explained = float(direction @ projected @ direction)
-        total = float(direction @ regressors @ direction)
-        both = float((basis_products @ direction) @ (noise_products @ direction))
-        unexplained = total - explained - 2.0 * both
-        negligible = unexplained <= 1e-12 * float(regressors[j, j])
-        strengths[j] = np.inf if negligible else explained / degrees / (unexplained / (rows - available))
-    return strengths
+    directions = partial_directions(basis_products)
+    moved = basis_products @ directions.T
+    explained = (moved**2).sum(axis=0)
+    unexplained = ((directions @ regressors) * directions).sum(axis=1) - explained
+    unexplained -= 2.0 * (moved * (noise_products @ directions.T)).sum(axis=0)
+    left, strengths = unexplained > 1e-12 * np.diag(regressors), np.full(count, np.inf)
+    return np.divide(explained * (rows - available), degrees * unexplained, out=strengths, where=left)
 
 
 @dataclass(frozen=True)
@@ -187,20 +188,20 @@ class EquationProducts(Products):
     constant: Float[np.ndarray, " p"]  # C theta - c
     rows: float  # Rows that the sums are of, in which degrees of freedom are counted
 
-    @cached_property
+    @property
     def instrument_mean(self) -> Float[np.ndarray, "p p"]:
         """mean(psi psi')."""
-        return np.asarray(self.instruments.sum(axis=0)) / self.count
+        return self.mean[: self.tested, : self.tested]
 
     @cached_property
     def sensitivity(self) -> Float[np.ndarray, "p n"]:
         """A = mean(psi G') - C."""
-        return np.asarray(self.cross.sum(axis=0)) / self.count - self.shared
+        return self.mean[: self.tested, self.tested : -1] - self.shared
 
-    @cached_property
+    @property
     def regressor_mean(self) -> Float[np.ndarray, "n n"]:
         """mean(G G')."""
-        return np.asarray(self.regressors.sum(axis=0)) / self.count
+        return self.mean[self.tested : -1, self.tested : -1]
 
     @cached_property
     def equation_sums(self) -> Float[np.ndarray, "K p"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +18,7 @@ from eivor.tools import Float, Int
 
 #: Probability to exceed the quantiles.
 TAILS = (0.5, 0.25, 0.1, 0.05, 0.025, 0.01, 0.005, 0.0025, 0.001)
+LOG_TAILS = np.log(TAILS)
 
 #: For each number of parameters that are tested together.
 QUANTILES: dict[int, tuple[float, ...]] = {
@@ -82,15 +84,14 @@ class Constancy(Diagnostic):
             )
 
 
-def constancy(sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n n"]) -> Constancy:
-    """Test of a change of the parameters. Performs no checks."""
-    influence = influences(sums, sensitivity)
+def constancy(influence: Float[np.ndarray, "K n"]) -> Constancy:
+    """Test of a change of the parameters, from what each block adds to them. Performs no checks."""
     groups = influence.reshape(GROUPS, -1, influence.shape[1]).sum(axis=1)
-    unknowns = groups.shape[1]
-    each = [wald_path(groups[:, [j]]) for j in range(unknowns)]
+    unknowns, sides = groups.shape[1], _sides(groups)
+    each = [_wald_path(sides[:, :, [j]]) for j in range(unknowns)]
     p_values = np.array([p_value(float(path.max()), 1) for path in each])
     if unknowns in QUANTILES:
-        path = wald_path(groups)
+        path = _wald_path(sides)
         joint = p_value(float(path.max()), unknowns)
     else:  # too many for one covariance on twelve averages: the strongest of them, by Bonferroni's bound
         path = each[int(np.argmin(p_values))]
@@ -102,23 +103,28 @@ def constancy(sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n 
 
 def wald_path(groups: Float[np.ndarray, "64 n"]) -> Float[np.ndarray, " breaks"]:
     """Wald statistic, as an F, for a change after each group from the tenth on. Performs no checks."""
-    n = groups.shape[1]
+    return _wald_path(_sides(groups))
+
+
+def _sides(groups: Float[np.ndarray, "64 n"]) -> Float[np.ndarray, "breaks rows n"]:
     scale = groups.std(axis=0)
-    transformed = np.tensordot(_transforms(), groups / np.where(scale > 0.0, scale, 1.0), axes=1)
-    difference, L = transformed[:, 0], transformed[:, 1:]
+    return np.tensordot(_transforms(), groups / np.where(scale > 0.0, scale, 1.0), axes=1)
+
+
+def _wald_path(sides: Float[np.ndarray, "breaks rows n"]) -> Float[np.ndarray, " breaks"]:
+    difference, L = sides[:, 0], sides[:, 1:]
     S = np.einsum("kbi,kbj->kij", L, L)
     try:
         W = np.einsum("ki,ki->k", difference, np.linalg.solve(S, difference[:, :, None])[:, :, 0])
     except np.linalg.LinAlgError:
         return np.zeros(difference.shape[0])
-    averages = 2 * SIDE_AVERAGES
+    n, averages = sides.shape[2], 2 * SIDE_AVERAGES
     return W * (averages - n + 1) / (averages * n)
 
 
 def p_value(statistic: float, unknowns: int) -> float:
     """Tail of the supremum, from the table: logarithms are interpolated, ends are kept."""
-    quantiles, tails = np.log(QUANTILES[unknowns]), np.log(TAILS)
-    return float(np.exp(np.interp(np.log(max(statistic, 1e-300)), quantiles, tails)))
+    return math.exp(np.interp(math.log(max(statistic, 1e-300)), np.log(QUANTILES[unknowns]), LOG_TAILS))
 
 
 @lru_cache(maxsize=1)
@@ -191,10 +197,10 @@ def segment_leverage(
     M = sensitivities.sum(axis=0)
     scale = unit_scale(np.abs(np.diag(M)))
     shift = np.full(sums.shape, np.nan)
-    for k, (sensitivity, score) in enumerate(zip(sensitivities, sums, strict=True)):
-        rest = np.outer(scale, scale) * (M - sensitivity)
-        if np.linalg.cond(rest) < 1.0 / np.finfo(np.float64).eps:
-            shift[k] = -scale * np.linalg.solve(rest, scale * score)
+    rest = np.outer(scale, scale) * (M - sensitivities)
+    solvable = np.linalg.cond(rest) < 1.0 / np.finfo(np.float64).eps
+    moved = np.linalg.solve(rest[solvable], (scale * sums[solvable])[:, :, None])[:, :, 0]
+    shift[solvable] = -scale * moved
     return SegmentLeverage(shift, shift / std_errors, segments)
 
 
