@@ -26,7 +26,7 @@ from eivor.lab import paper
 from eivor.lab import study as lab_study
 from eivor.lab.experiments import DifferenceEquation, VerticalExperiment, streams
 from eivor.lab.records import Scenario
-from eivor.lab.scenario_files import method_choice, numbers_in_file, read_study, shipped_scenario
+from eivor.lab.scenario_files import method_choice, read_study, shipped_scenario
 from eivor.lab.study import MethodChoice, Regularisation, run_study
 from eivor.process_pool import (
     TASKS_PER_WORKER,
@@ -39,7 +39,7 @@ from eivor.process_pool import (
 )
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.simulation.excitation import PseudoRandomBinary, WhiteDisturbance, WhiteExcitation
-from eivor.strict_toml import TomlTable, read_toml
+from eivor.strict_toml import read_toml
 from refusal_rows import calls, rows, table, without
 from studies.study_parts import EQUATION, METHODS, Coin, Patient, content, small_study
 from validation.coverage.study import read_coverage
@@ -647,10 +647,6 @@ def tabled(folder):
     pl.DataFrame({"u": [1.0]}).write_parquet(folder / "u.parquet")
 
 
-def of_numbers(folder):
-    numbers_in_file(TomlTable({"file": "u.parquet", "column": "u"}, "scenario.toml", folder=folder))
-
-
 STUDIED = partial(run_study, small_study(30))
 RICH, DASK = shipped_scenario("rich"), DaskCluster("tcp://127.0.0.1:1")
 test_refused = table(
@@ -687,7 +683,6 @@ test_refused = table(
         (STUDIED, STUDIED, "what the system says: index out of bounds"),
         (tabled, lambda at: read_coverage(at / "u.parquet"), "index out of bounds"),
         (tabled, lambda at: read_trial_table(at / "u.parquet"), "index out of bounds"),
-        (tabled, of_numbers, "index out of bounds"),
     ),
     rows("equation", ParameterError, lambda changes: replace(EQUATION, **changes),
         ({"output_coefficients": (1.0,)}, r"stable equation; received \[1.0\], with a root of modulus 1"),
