@@ -307,7 +307,8 @@ class LaggedRuns(SeparableProblem):
         """The same with other instruments of each flight and axis."""
         pairs = zip(self.columns, instruments, strict=True)
         result = replace(self, columns=tuple(replace(item, instruments=made) for item, made in pairs))
-        vars(result).update(_bin_layout=self._bin_layout, _memo=self._memo)
+        made = {"_bin_layout": self._bin_layout, "_fixed_bins": self._fixed_bins, "_memo": self._memo}
+        vars(result).update(made)
         return result
 
     def with_fixed(
@@ -323,10 +324,10 @@ class LaggedRuns(SeparableProblem):
         result = replace(self, columns=columns, parameters=every, **changes)
         blocks = [more[run] for item, more in zip(self.columns, added, strict=True) for run in item.runs]
         runs = zip(self._bin_layout.runs, blocks, strict=True)
-        responses, fixed, instruments = self._fixed_bins
+        responses, fixed = self._fixed_bins
         whole = np.hstack([fixed, np.concatenate([run.spectrum(block) for run, block in runs])])
-        made = {"_bin_layout": self._bin_layout, "_fixed_bins": (responses, whole, instruments)}
-        vars(result).update(made, _memo=self._memo)
+        made = {"_bin_layout": self._bin_layout, "_fixed_bins": (responses, whole)}
+        vars(result).update(made, _memo=self._memo, instrument_bins=self.instrument_bins)
         return result
 
     def combined(
@@ -445,25 +446,24 @@ class LaggedRuns(SeparableProblem):
         return BinRows(tuple(item.spectral(run) for item, run in self._cut()))
 
     @cached_property
-    def _fixed_bins(self) -> tuple[Complex[np.ndarray, "bins r"], Complex[np.ndarray, "bins f"], np.ndarray]:
-        """Candidate responses that all flights of an axis have, fixed columns, and instruments."""
+    def _fixed_bins(self) -> tuple[Complex[np.ndarray, "bins r"], Complex[np.ndarray, "bins f"]]:
+        """Candidate responses that all flights of an axis have, and fixed columns."""
         common = {
             axis: min(column.responses.shape[1] for column in self.columns if column.axis == axis)
             for axis in self.axes
         }
-        most, known = max(common.values()), self.columns[0].fixed.shape[1]
-        blocks = []
-        runs = zip(self._cut(), self._bin_layout.runs, self._instruments(), strict=True)
-        for (item, run), layout, instruments in runs:
+        most, blocks = max(common.values()), []
+        for (item, run), layout in zip(self._cut(), self._bin_layout.runs, strict=True):
             responses = item.responses[run, -common[item.axis] :]
             twice = [responses] * (most - responses.shape[1] + 1)
-            blocks.append(layout.spectrum(np.column_stack([*twice, item.fixed[run], instruments])))
+            blocks.append(layout.spectrum(np.column_stack([*twice, item.fixed[run]])))
         spectra = np.concatenate(blocks)
-        return spectra[:, :most], spectra[:, most : most + known], spectra[:, most + known :]
+        return spectra[:, :most], spectra[:, most:]
 
-    @property
+    @cached_property
     def instrument_bins(self) -> Complex[np.ndarray, "bins p"]:
-        return self._fixed_bins[2]
+        runs = zip(self._bin_layout.runs, self._instruments(), strict=True)
+        return np.concatenate([run.spectrum(columns) for run, columns in runs])
 
     def _moving_bins(self, nuisance_values: Values) -> list[Complex[np.ndarray, "_ k"]]:
         """Bins of the moving columns of every run, of the parameters that move in its equation."""
@@ -477,7 +477,7 @@ class LaggedRuns(SeparableProblem):
         return result
 
     def bins(self, nuisance_values: Values) -> SpectralRegression:
-        responses, fixed, instruments = self._fixed_bins
+        (responses, fixed), instruments = self._fixed_bins, self.instrument_bins
         moving = np.concatenate(self._among_all(self._moving_bins(nuisance_values)))
         more = None if self.noisier is None else partial(self.noisier.bins, nuisance_values)
         regressors = np.concatenate([fixed, moving], axis=1)

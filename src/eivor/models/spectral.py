@@ -68,22 +68,22 @@ class SpectralRun:
 
     def spectrum(self, values: Float[np.ndarray, "length columns"]) -> Complex[np.ndarray, "bins columns"]:
         """Unitary real FFT of the tapered columns without mean and line, on the bins kept."""
-        moves = values.any(axis=0)  # an equation of one axis of several has columns of zeros
-        if not moves.all():
-            whole = np.zeros((self.count, values.shape[1]), dtype=np.complex128)
-            if moves.any():
-                whole[:, moves] = self.spectrum(values[:, moves])
-            return whole
-        tapered = values * self.taper[:, None]
+        # an equation of one axis of several has columns of zeros
+        tapered = np.multiply(values.T, self.taper, order="C")
         basis, of_basis = self._trend
-        spectrum: Complex[np.ndarray, "bins columns"] = np.fft.rfft(tapered.T)[:, self.bins].T
-        return (spectrum - of_basis @ (basis.T @ tapered)) / np.sqrt(self.length)
+        spectra = np.zeros((len(tapered), self.count), dtype=np.complex128)
+        for spectrum, column in zip(spectra, tapered, strict=True):  # small arrays: new memory takes long
+            if column[self.length // 2] or column.any():
+                spectrum[:] = np.fft.rfft(column)[self.bins]
+        spectra -= (tapered @ basis) @ of_basis
+        spectra /= np.sqrt(self.length)
+        return spectra.T
 
     @cached_property
-    def _trend(self) -> tuple[Float[np.ndarray, "length k"], Complex[np.ndarray, "bins k"]]:
+    def _trend(self) -> tuple[Float[np.ndarray, "length k"], Complex[np.ndarray, "k bins"]]:
         """Orthonormal basis of what tapered columns lose, and its FFT on the bins kept."""
         basis, _ = np.linalg.qr(trend(self.length, self.step_s) * self.taper[:, None])
-        return basis, np.fft.rfft(basis.T)[:, self.bins].T
+        return basis, np.ascontiguousarray(np.fft.rfft(basis.T)[:, self.bins])
 
     def series(self, spectrum: Complex[np.ndarray, "bins columns"]) -> Float[np.ndarray, "length columns"]:
         """Time series whose unitary FFT is `spectrum` on the bins kept and zero elsewhere."""

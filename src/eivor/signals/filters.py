@@ -94,17 +94,16 @@ def shifted_by(values: Columns, *, step_s: float, delay_s: float) -> Columns:
     """Sampled values so much later; earlier for a negative delay."""
     whole = int(np.floor(delay_s / step_s))
     f = delay_s / step_s - whole
-    # Lagrange's weights for the value between samples 0 and -1, of samples 1, 0, -1, -2 from there
+    # Lagrange's weights for the value between samples -1 and 0, of samples -2, -1, 0, 1 from there
     weights = (
-        f * (f - 1.0) * (2.0 - f) / 6.0,
-        (1.0 + f) * (1.0 - f) * (2.0 - f) / 2.0,
-        f * (1.0 + f) * (2.0 - f) / 2.0,
         f * (1.0 + f) * (f - 1.0) / 6.0,
+        f * (1.0 + f) * (2.0 - f) / 2.0,
+        (1.0 + f) * (1.0 - f) * (2.0 - f) / 2.0,
+        f * (f - 1.0) * (2.0 - f) / 6.0,
     )
     count = values.shape[0]
-    around = values[np.clip(np.arange(-2, count + 1) - whole, 0, count - 1)]
-    pairs = zip(weights, (3, 2, 1, 0), strict=True)
-    return np.asarray(sum(weight * around[first : first + count] for weight, first in pairs if weight))
+    around = values.T[:, np.clip(np.arange(-2, count + 1) - whole, 0, count - 1)]
+    return np.array([np.correlate(column, weights, "valid") for column in around] if f else around[:, 2:-1]).T
 
 
 def first_order_lag(values: Series, *, step_s: float, lag_s: float) -> Series:
