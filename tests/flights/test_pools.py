@@ -39,7 +39,7 @@ from eivor.motions.vertical.motion import Vertical, vertical_flight
 from eivor.motions.vertical.regression import vertical_problem
 from eivor.report.card import result_card
 from eivor.report.flight import checks
-from eivor.report.other_results import marks, report_changes, track_document, track_figure, track_json, untold
+from eivor.report.other_results import report_changes, track_document, track_figure, track_json, untold
 from eivor.report.terminal import on_terminal
 from eivor.signals.recording import Recording
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
@@ -462,7 +462,6 @@ def test_documents_figure_and_json_agree(dropped, capsys):
 
     Console(width=80).print(on_terminal(track_document(dropped)))
     screen = capsys.readouterr().out
-    assert "K_u  ··█" in screen
     assert "fell" in screen
     document = track_json(dropped)
     assert document["schema"] == "eivor.track/1"
@@ -473,12 +472,6 @@ def test_documents_figure_and_json_agree(dropped, capsys):
     (axes,) = track_figure(dropped).axes
     assert len(axes.lines) == 2
     assert len(axes.collections) == 1
-
-
-def test_marks_span_what_is_told_and_a_tenth_at_least():
-    assert marks([1.0, 2.0, 5.0], [True, True, False]) == "▁█·"
-    assert marks([1.0, 1.001], [True, True]) in ("▄▅", "▅▅", "▄▄")
-    assert marks([1.0], [False]) == "·"
 
 
 @pytest.mark.thorough

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from eivor import tools
 from eivor.cli import outputs
 from eivor.errors import InputError, UsageError, did_you_mean
 
@@ -192,7 +191,7 @@ def run() -> None:
         sys.stderr = io.StringIO()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors=tools.ERRORS)
+            stream.reconfigure(errors="replace")  # letters that it lacks
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")  # the matrices are small: threads would wait for each other
     if os.environ.get(outputs.DEBUG_VARIABLE) != "1":

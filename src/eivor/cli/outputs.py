@@ -227,9 +227,9 @@ def show_table(titles: Iterable[str], rows: Iterable[tuple[str, ...]]) -> None:
 
 
 def write(text: str) -> None:
-    """Write text on standard output, in letters that it has."""
+    """Write text on standard output."""
     with printing():
-        sys.stdout.write(tools.plain_text(text, sys.stdout.encoding or "utf-8"))
+        sys.stdout.write(text)
         sys.stdout.flush()
 
 

@@ -134,12 +134,8 @@ def _foxglove(topics: Sequence[str]) -> str:
     )
 
 
-#: Marks of a line, lowest first, and that of a time at which nothing is identified.
-MARKS, UNTOLD = "▁▂▃▄▅▆▇█", "·"
-#: Marks of a line, and rows of a table, at most.
-LINE, ROWS = 60, 16
-#: Narrowest range that a line of marks spans, over the middle value: smaller ups and downs are no news.
-FLAT = 0.1
+#: Rows of a table of moments, at most.
+ROWS = 16
 
 
 def track_document(track: Track) -> doc.Document:
@@ -152,7 +148,7 @@ def track_document(track: Track) -> doc.Document:
         at = f"Followed at {values.replace('_', ' ')}, with a memory of {track.memory_s:g} s."
         known = (at, *known)
     sections = (
-        *((doc.Section("", (_line(track), _table(track))),) if track.moments else ()),
+        *((doc.Section("", (_table(track),)),) if track.moments else ()),
         *doc.section("Changes", doc.Bullets, report_changes(track)),
         *doc.section("Not identified", doc.Bullets, untold(track)),
         *doc.section("Taken as known", doc.Bullets, known),
@@ -205,32 +201,10 @@ def untold(track: Track) -> Iterator[str]:
         yield f"{ends}: {why}."
 
 
-def marks(values: Sequence[float], record: Sequence[bool]) -> str:
-    """Line of marks: the least value reported is the lowest, the largest the highest."""
-    seen = np.array(values)[np.array(record, dtype=bool)]
-    if not seen.size:
-        return UNTOLD * len(values)
-    middle = 0.5 * float(seen.min() + seen.max())
-    span = max(float(np.ptp(seen)), FLAT * abs(middle))
-    low = middle - 0.5 * span
-    return "".join(
-        MARKS[min(int((value - low) / span * len(MARKS)), len(MARKS) - 1)] if is_told else UNTOLD
-        for value, is_told in zip(values, record, strict=True)
-    )
-
-
-def _thinned(track: Track, most: int) -> list[Moment]:
-    step = max(1, -(-len(track.moments) // most))
+def _thinned(track: Track) -> list[Moment]:
+    step = max(1, -(-len(track.moments) // ROWS))
     numbered = enumerate(track.moments, start=1)
     return [moment for number, moment in numbered if moment.change or number % step == 0]
-
-
-def _line(track: Track) -> doc.Facts:
-    thinned = _thinned(track, LINE)
-    line = marks([item.value for item in thinned], [item.is_precise for item in thinned])
-    ends = f"{track.moments[0].time_s:.1f} to {track.moments[-1].time_s:.1f} s"
-    symbol = track.result.motion.quantities[track.name].symbol
-    return doc.Facts(((symbol, line), ("", f"{ends}; {UNTOLD} is not identified")))
 
 
 def _table(track: Track) -> doc.TableOf:
@@ -244,7 +218,7 @@ def _table(track: Track) -> doc.TableOf:
     )
     first = track.precise_moments[0].value if track.precise_moments else None
     rows = []
-    for item in _thinned(track, ROWS):
+    for item in _thinned(track):
         value, interval = NO_NUMBER, NO_NUMBER
         if item.is_precise:
             scaled = wording.scale * item.value, wording.scale * item.half_width
