@@ -20,7 +20,6 @@ from typing import Any, get_args
 import griffe
 
 from eivor.lab.scenario_files import (
-    CONTROLS,
     COURSES,
     DISTURBANCES,
     EXCITATIONS,
@@ -79,7 +78,6 @@ def parts() -> dict[str, str]:
         "disturbances": kinds(DISTURBANCES),
         "courses": kinds(COURSES),
         "excitations": kinds(EXCITATIONS),
-        "controls": kinds(CONTROLS),
         "flights": markdown(("table", "keys"), [(name, keys(maker)) for name, maker in flight.items()]),
         "rigid bodies": markdown(
             ("table", "keys"), [(name, keys(maker, {"seed"})) for name, maker in whole.items()]

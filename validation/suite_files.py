@@ -94,7 +94,7 @@ def read_suite(path: Path) -> Suite:
     for samples in lengths:
         for word, scenario in scenarios.items():
             experiment = VerticalExperiment(replace(scenario, samples=samples))
-            channel = scenario.control.reference
+            channel = next(iter(scenario.references), "input")
             choices = tuple(method_choice(table, channel) for table in tables)
             label = f"{given.name or path.stem}: {word}, {samples} samples"
             with located(top):

@@ -34,8 +34,7 @@ viscous_friction = 0.3
 input_gain = 2.0
 samples = 60
 [excitation]
-kind = "series"
-values = { file = "drive.csv", column = "u" }
+kind = "white"
 """
 
 #: Parameters with a text that names no file. Every other text declares which files it names.
@@ -264,17 +263,15 @@ def test_every_part_is_delivered_whatever_happens_to_others(capsys):
 
 @pytest.fixture
 def study(tmp_path, monkeypatch):
-    """A study that names a scenario that names a table."""
+    """A study that names a scenario."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
     (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
-    drive = "\n".join(str(number % 7) for number in range(60))
-    (tmp_path / "drive.csv").write_text(f"u\n{drive}\n", encoding="utf-8")
     return tmp_path / "study.toml"
 
 
 def test_study_keeps_every_file_that_it_names(eivor, study):
-    sources = [study, study.with_name("scene.toml"), study.with_name("drive.csv")]
+    sources = [study, study.with_name("scene.toml")]
     before = [source.read_bytes() for source in sources]
     for source in sources:
         run = eivor("study", study, "--workers", 1, "--json", source)
@@ -302,15 +299,13 @@ def test_study_keeps_its_trials(eivor, study):
 
 
 def test_simulate_keeps_every_file_that_it_names(eivor, study):
-    for name in ("scene.toml", "drive.csv"):
-        source = study.with_name(name)
-        before = source.read_bytes()
-        run = eivor("simulate", "scene.toml", "-o", "log.parquet", "--truth", source)
-        assert (run.code, run.out) == (2, "")
-        assert f"'{source}', which would replace '{name}' of " in run.err
-        assert source.read_bytes() == before
-        assert not Path("log.parquet").exists()
-    assert eivor("simulate", "scene.toml", "-o", "drive.csv").code == 2
+    source = study.with_name("scene.toml")
+    before = source.read_bytes()
+    run = eivor("simulate", "scene.toml", "-o", "log.parquet", "--truth", source)
+    assert (run.code, run.out) == (2, "")
+    assert f"'{source}', which would replace 'scene.toml' of " in run.err
+    assert source.read_bytes() == before
+    assert not Path("log.parquet").exists()
 
 
 def limited(*arguments, bytes_, folder):

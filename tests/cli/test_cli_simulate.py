@@ -26,7 +26,6 @@ rate_hz = 100.0
 samples = 9000
 route = "dynamics"
 [control]
-kind = "velocity"
 velocity_gain = 0.15
 velocity_integral_gain = 0.05
 [excitation]
@@ -68,7 +67,6 @@ def test_log_reads_back_as_simulated(eivor, tmp_path):
     truth = json.loads((tmp_path / "rich.json").read_text(encoding="utf-8"))
     assert (truth["viscous_friction"], truth["input_gain"], truth["seed"]) == (0.293, 0.021, 5)
     assert truth["noise"]["velocity_z"] == {"std": signals.noise["velocity_z"].std, "order": -0.4}
-    assert truth["hover_input"] == 0.0
     assert truth["disturbance"]["route"] == "equation"
 
 
@@ -80,10 +78,10 @@ def test_a_whole_vehicle_flies(eivor, tmp_path):
     text = shipped.read_text(encoding="utf-8").replace("duration = 40.0", "duration = 0.5")
     text = text.replace("high_hz = 0.4", "high_hz = 4.0")
     (tmp_path / "all.toml").write_text(text, encoding="utf-8")
-    run = eivor("simulate", "all.toml", "-o", "all.csv", "--truth", "all.json")
+    run = eivor("simulate", "all.toml", "-o", "all.parquet", "--truth", "all.json")
     assert (run.code, run.err) == (0, "")
-    assert run.out == "all.csv: 250 samples at 500 Hz, 0.5 s\n"
-    log = ev.read_log(tmp_path / "all.csv")
+    assert run.out == "all.parquet: 250 samples at 500 Hz, 0.5 s\n"
+    log = ev.read_log(tmp_path / "all.parquet")
     names = {"angular_rate_x", "attitude_w", "torque_setpoint_z", "rotor_command_4", "input"}
     assert names <= set(log.channels)
     truth = json.loads((tmp_path / "all.json").read_text(encoding="utf-8"))
@@ -92,23 +90,6 @@ def test_a_whole_vehicle_flies(eivor, tmp_path):
     (tmp_path / "slow.toml").write_text(text + "[logged]\nsetpoint_hz = 50.0\n", encoding="utf-8")
     assert eivor("simulate", "slow.toml", "-o", "slow.parquet").code == 0
     assert ev.read_log(tmp_path / "slow.parquet").channel("input").rate_hz == pytest.approx(50.0)
-    refused = eivor("simulate", "slow.toml", "-o", "slow.csv")
-    assert refused.code == 2
-    assert "the stamps of" in refused.err
-    assert "Write .parquet" in refused.err
-    assert eivor("simulate", "all.toml", "-o", "all.csv", "--hover").code == 2
-
-
-def test_a_slow_log_with_its_weight_is_told(eivor, tmp_path):
-    """At 5 Hz the verdict would be weak, with intervals that miss: it is said when the log is made."""
-    run = eivor("simulate", "closed-loop", "-o", "slow.csv", "--hover")
-    assert run.code == 0
-    assert "slow.csv: 4000 samples at 5 Hz" in run.out
-    assert "5 Hz is too slow for `eivor identify`" in run.err
-    assert "take 'flight', a scenario like a flight" in run.err
-    assert eivor("simulate", "closed-loop", "-o", "about_hover.csv").err == ""
-    (tmp_path / "flight.toml").write_text(FLIGHT, encoding="utf-8")
-    assert eivor("simulate", "flight.toml", "-o", "quick.parquet", "--hover").err == ""
 
 
 FLOWN = """

@@ -430,19 +430,13 @@ DEFINITION = rows("definition", UnsoundMessageError, lambda text: layout(OF_BAG,
     ("C[] other\n" + "=" * 80 + "\nMSG: a/C\nuint8[0] nothing\n", "more than 4096 fields"),
     ("uint8 one", "where its type takes 5"),
 )  # fmt: skip
-DOWN = ev.recording_from_columns(tables.COLUMNS, frame=ev.Frame.NED, input_map="square")
 LANDED = Channel("landed", np.array([0.5, 1.5]), np.array([0.0, np.nan]), "")
 STAMPED_CHANNELS = {"input": Channel("input", np.arange(2.0), np.zeros(2), ""), "landed": LANDED}
 STAMPED = ev.Recording(name="r", format="", channels=STAMPED_CHANNELS)
-WITHOUT = replace(STAMPED, channels=STAMPED_CHANNELS | {"landed": replace(LANDED, values=np.zeros(2))})
-ESTIMATED = ev.recording_from_columns(tables.COLUMNS, estimated=("velocity_z",))
 WRITTEN = rows("written", UsageError,
     lambda recording, name, tmp_path: write_recording(recording, tmp_path / name),
-    (DOWN, "r.csv", r"z down.*input map 'square'"),
-    (ESTIMATED, "r.csv", "estimator made velocity_z"),
     (ev.recording_from_columns(tables.COLUMNS), "r.txt", "ends in"),
     (STAMPED, "r.parquet", r"all stamps of 'landed'.*NaN among them"),
-    (WITHOUT, "r.csv", "the stamps of input and others"),
     (replace(STAMPED, channels={}), "r.parquet", "a recording with channels"),
 )  # fmt: skip
 

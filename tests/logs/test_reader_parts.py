@@ -274,17 +274,12 @@ def test_delays_and_sides_of_the_thrust_curve_are_kept(whole, tmp_path):
     r = ev.recording_from_columns(COLUMNS)
     late = {name: replace(channel, delay_s=0.004) for name, channel in r.channels.items()}
     behind = {"input": replace(r.channels["input"], curve_side=CurveSide.BEHIND)}
-    for changed, field, said in (
-        (late, "delay_s", "the delay of"),
-        (behind, "curve_side", "the curve_side of"),
-    ):
+    for changed, field in ((late, "delay_s"), (behind, "curve_side")):
         log = replace(r, channels={**r.channels, **changed})
         write_recording(log, tmp_path / "r.parquet")
         same(log, ev.read_log(tmp_path / "r.parquet"))
         back = ev.read_log(tmp_path / "r.parquet").channels
         assert all(getattr(back[name], field) == getattr(item, field) for name, item in changed.items())
-        with pytest.raises(UsageError, match=said):
-            write_recording(log, tmp_path / "r.csv")
 
 
 def test_channels_of_several_clocks_read_back_the_same(whole, tmp_path):

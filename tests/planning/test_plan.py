@@ -19,7 +19,7 @@ from eivor.motions.vertical.predict import controller_gains
 from eivor.planning import plan as planning
 from eivor.planning import vehicle as vehicles
 from eivor.planning.plan import ExpectedWidth, csv_text, levels, mavsdk_text, qgc_text, ranked_std_errors
-from eivor.planning.vehicle import ROOM, STEP_S, Shape, candidates, read_vehicle, vehicle_of_result
+from eivor.planning.vehicle import ROOM, STEP_S, Shape, candidates, vehicle_of_result
 from eivor.report.other_results import plan_document, plan_json
 from eivor.report.terminal import on_terminal
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
@@ -160,17 +160,6 @@ def test_numbers_that_nobody_gave_are_others_in_each_flight():
     assert ev.VehicleGuess(viscous_friction=0.5, lag_s=0.08).drawn(3).lag_s == 0.08
 
 
-def test_a_vehicle_is_read_from_a_file(tmp_path):
-    path = tmp_path / "vehicle.toml"
-    path.write_text("hover_input = 0.4\nlag_s = 0.08\n")
-    assert read_vehicle(path) == ev.VehicleGuess(hover_input=0.4, lag_s=0.08)
-
-
-def of_file(tmp_path):
-    (tmp_path / "vehicle.toml").write_text("mass = 1.2\n")
-    read_vehicle(tmp_path / "vehicle.toml")
-
-
 test_refused = table(
     rows("limits", UsageError, lambda limits: ev.FlightLimits(**limits),
         ({"height_m": (0.0, 3.0)}, "a lowest height above zero"),
@@ -187,7 +176,6 @@ test_refused = table(
         (lambda: ev.plan(ev.VehicleGuess(), target="drag"), UsageError, "out of friction, gain, lag"),
         (lambda: ev.plan(ev.VehicleGuess(), shape="chirp"), UsageError, "a shape out of multisine, steps"),
         (lambda: vehicle_of_result("rover_motion", "square", QUANTITIES, {}), UsageError, "'rover_motion'"),
-        (of_file, InputError, "mass"),
         (lambda multisine: qgc_text(multisine, HOME), UsageError, "a plan of steps"),
         (lambda steps: qgc_text(steps, (91.0, 0.0)), UsageError, "a latitude and a longitude"),
     ),

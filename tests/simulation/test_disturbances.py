@@ -32,7 +32,7 @@ from eivor.lab.disturbances import (
     VarianceSwitch,
     paper_disturbance,
 )
-from eivor.lab.records import AltitudeControl, DisturbanceRoute, VelocityControl, moved
+from eivor.lab.records import Control, DisturbanceRoute, moved
 from eivor.motions.vertical.model import GRAVITY
 from eivor.simulation.excitation import (
     DrydenGust,
@@ -343,9 +343,8 @@ def test_binary_sequence_is_maximal(register):
 # Controlled vehicles against plain loops, a matrix exponential, an integrator, and each other.
 
 K, K_U, T = 0.293, 0.021, 0.2
-VELOCITY = VelocityControl(15.0, 4.0)
-ALTITUDE = AltitudeControl(0.4, 30.0, 5.0)
-CONTROLS = [VELOCITY, VelocityControl(15.0), ALTITUDE, AltitudeControl(0.4, 30.0)]
+VELOCITY, ALTITUDE = Control(15.0, 4.0), Control(30.0, 5.0, 0.4)
+CONTROLS = [VELOCITY, Control(15.0), ALTITUDE, Control(30.0, altitude_gain=0.4)]
 QUIET = ev.Scenario(K, K_U, samples=150, excitation=WhiteExcitation(1.0), control=ALTITUDE)
 NOISE = {"velocity_z": ev.FractionalNoise(0.02, -0.4), "position_z": ev.FractionalNoise(0.05, -0.2)}
 NOISE |= {"acceleration_z": ev.WhiteNoise(0.1), "input": ev.WhiteNoise(0.5)}
@@ -356,7 +355,7 @@ NOISE |= {"acceleration_z": ev.WhiteNoise(0.1), "input": ev.WhiteNoise(0.5)}
 @pytest.mark.parametrize("friction", [0.0, K])
 def test_loop_is_that_of_a_flight_controller(control, route, friction):
     """Sample by sample, in the order in which a controller computes; motion between samples by expm."""
-    names = ("velocity_z", "input", "position_z")[: 2 + isinstance(control, AltitudeControl)]
+    names = ("velocity_z", "input", "position_z")[: 2 + bool(control.altitude_gain)]
     noise, pushed = {name: NOISE[name] for name in names}, WhiteDisturbance(0.05)
     made = {"viscous_friction": friction, "control": control, "noise": noise, "route": route}
     scenario = replace(QUIET, disturbance=pushed, **made)
@@ -368,7 +367,7 @@ def test_loop_is_that_of_a_flight_controller(control, route, friction):
     reference, disturbance = truth[control.reference], truth["disturbance"]
     for k in range(scenario.samples):
         setpoint = reference[k]
-        if isinstance(control, AltitudeControl):
+        if control.altitude_gain:
             assert truth["position_z"][k] == pytest.approx(altitude, abs=1e-11)
             setpoint = control.altitude_gain * (reference[k] - altitude - errors["position_z"][k])
         missing = setpoint - velocity - errors["velocity_z"][k]
@@ -397,8 +396,7 @@ def test_altitude_follows_its_reference():
 
 def loop_by_columns(control):
     """Matrix of the loop, each column by letting the controller and the vehicle make one step."""
-    assert isinstance(control, VelocityControl | AltitudeControl)
-    altitude_gain = control.altitude_gain if isinstance(control, AltitudeControl) else 0.0
+    altitude_gain = control.altitude_gain
     a, held = np.exp(-K * T), (1.0 - np.exp(-K * T)) / K
     columns = []
     for velocity, altitude, total in np.eye(3):
@@ -415,7 +413,7 @@ def loop_by_columns(control):
 @pytest.mark.parametrize("gain", np.geomspace(1.0, 900.0, 8).tolist())
 @pytest.mark.parametrize("integral", [0.0, 0.4, 40.0, 1500.0])
 def test_loops_called_stable_are(altitude, gain, integral):
-    control = AltitudeControl(altitude, gain, integral) if altitude else VelocityControl(gain, integral)
+    control = Control(gain, integral, altitude)
     stable = bool(np.abs(np.linalg.eigvals(loop_by_columns(control))).max() < 1.0)
     with nullcontext() if stable else pytest.raises(ParameterError):
         replace(QUIET, control=control)

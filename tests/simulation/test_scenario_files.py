@@ -12,7 +12,7 @@ import pytest
 
 import eivor as ev
 from eivor.lab.disturbances import paper_disturbance
-from eivor.lab.records import AltitudeControl, DisturbanceRoute, Intersample, OpenLoop, VelocityControl
+from eivor.lab.records import Control, DisturbanceRoute, Intersample
 from eivor.lab.scenario_files import KINDS as PAGE_KINDS
 from eivor.lab.scenario_files import (
     SCENARIOS,
@@ -38,7 +38,7 @@ from eivor.strict_toml import read_toml
 from validation.pages import page_with
 
 TRUTH = "viscous_friction = 0.293\ninput_gain = 0.021\n"
-CONTROL = "[control]\nkind='velocity'\nvelocity_gain=15\n"
+CONTROL = "[control]\nvelocity_gain=15\n"
 
 
 @pytest.fixture
@@ -65,7 +65,6 @@ samples = 500
 route = "dynamics"
 
 [control]
-kind = "altitude"
 altitude_gain = 0.4
 velocity_gain = 30
 velocity_integral_gain = 5.0
@@ -108,11 +107,11 @@ ratio_to_signal = 0.5
         disturbance=paper_disturbance(),
         disturbance_to_signal=0.5,
         route=DisturbanceRoute.DYNAMICS,
-        control=AltitudeControl(0.4, 30.0, 5.0),
+        control=Control(30.0, 5.0, 0.4),
     )
     assert read(TRUTH + 'intersample = "linear"').intersample is Intersample.LINEAR
-    assert read(TRUTH).control == OpenLoop()
-    assert read(TRUTH + CONTROL).control == VelocityControl(15.0)
+    assert read(TRUTH).control is None
+    assert read(TRUTH + CONTROL).control == Control(15.0)
 
 
 ONES, TENTHS = "1, -1, " * 60, "0.1, -0.1, " * 60

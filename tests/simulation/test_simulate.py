@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import eivor as ev
 from eivor.errors import ParameterError
 from eivor.lab.disturbances import Arma, OrnsteinUhlenbeck
-from eivor.lab.records import ALWAYS_MEASURED, DisturbanceRoute, Intersample, VelocityControl
+from eivor.lab.records import ALWAYS_MEASURED, Control, DisturbanceRoute, Intersample
 from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, speed_derivative, wrench
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.signals.noise import WhiteNoise
@@ -61,7 +61,7 @@ OPEN = ev.Scenario(0.293, 0.021, samples=200)
 FULL = replace(
     OPEN, noise=NOISY, noise_to_signal=RATIOS, disturbance=WhiteDisturbance(1.0), disturbance_to_signal=0.3
 )
-CONTROL = {"control": VelocityControl(15.0, 4.0)}
+CONTROL = {"control": Control(15.0, 4.0)}
 FALLING = {"disturbance_to_signal": -0.1, "disturbance": WhiteDisturbance(1.0)}
 
 

@@ -367,9 +367,3 @@ def test_a_coloured_disturbance_gives_the_bound_of_generalized_least_squares():
     white = replace(scenario, disturbance=WhiteDisturbance(std / np.sqrt(1.0 - phi**2)))
     separated = np.diag(ev.bounds.cramer_rao(white, runs=1).covariance) / np.diag(expected)
     assert np.abs(np.log(separated)).max() > 1.0
-
-
-def test_readings_are_listed():
-    run = eivor("paper", "--list")
-    assert run.exit_code == 0
-    assert "central-10-lags" in run.output

@@ -23,7 +23,7 @@ from eivor.inference.distributions import normal_quantile
 from eivor.lab.cramer_rao import cramer_rao
 from eivor.lab.disturbances import GivenDisturbance
 from eivor.lab.experiments import VerticalExperiment
-from eivor.lab.records import ALWAYS_MEASURED, OpenLoop, Scenario, simulate
+from eivor.lab.records import ALWAYS_MEASURED, Scenario, simulate
 from eivor.lab.study import StudyResult, scores
 from eivor.simulation.excitation import GivenSeries
 from validation.pages import markdown
@@ -37,7 +37,7 @@ def open_loop(scenario: Scenario, seed: int) -> Scenario:
     record, undisturbed = (simulate(item, np.random.default_rng(seed)) for item in (scenario, quiet))
     return replace(
         scenario,
-        control=OpenLoop(),
+        control=None,
         excitation=GivenSeries(tuple(undisturbed.truth.channel("input").tolist())),
         noise={name: record.signals.noise[name] for name in ALWAYS_MEASURED},
         noise_to_signal={},

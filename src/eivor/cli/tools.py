@@ -44,11 +44,10 @@ from eivor.cli.results import figure_part
 from eivor.errors import CorruptLogError, InputError, UsageError
 from eivor.flights.options import FlightOptions
 from eivor.flights.track import track as tracked_parameter
-from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.motions.declaration import load_machine, machine_text, shipped_machines
 from eivor.motions.rigid_body import vehicle as vehicle_files
 from eivor.planning.plan import WRITTEN, MachinePlan
-from eivor.planning.vehicle import ROUGH, FlightLimits, VehicleGuess, read_vehicle
+from eivor.planning.vehicle import ROUGH, FlightLimits, VehicleGuess
 from eivor.report import frequency_responses, inspection
 from eivor.report.json_document import json_text
 from eivor.report.other_results import plan as planned
@@ -166,13 +165,6 @@ def fetch(
     write(f"{path}\n")
 
 
-@command(example, NO_FAILURE)
-def path() -> None:
-    """Print where the bundled example flight is."""
-    with resources.as_file(resources.files("eivor.data").joinpath(EXAMPLE_FLIGHT)) as file:
-        write(f"{file}\n")
-
-
 INSPECT_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 the logs can be read, whatever identify would say. 2 wrong usage. 1 a log "
     "that cannot be read, or a file that cannot be written (the list is printed all the same)."
@@ -224,9 +216,9 @@ def plan(
     source: Annotated[
         str,
         argument(
-            "[FIT.json|VEHICLE.toml]",
-            "A result (eivor identify LOG --json FIT.json), refused ones included, or a vehicle's rough "
-            "numbers. Without it the options below.",
+            "[FIT.json]",
+            "A result (eivor identify LOG --json FIT.json), refused ones included. Without it the options "
+            "below have a vehicle's rough numbers.",
         ),
         Reads(),
     ] = "",
@@ -324,12 +316,10 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
     given = {name: value for name, value in rough.items() if value is not None}
     if source and given:
         raise UsageError(
-            "a result or a vehicle's file, or rough numbers as options",
+            "a result, or rough numbers as options",
             f"'{source}' and {', '.join(f'--{name}' for name in given)}",
             "Leave out one of them.",
         )
-    if source.lower().endswith(".toml"):
-        return read_vehicle(Path(source))
     numbers: dict[str, Any] = {ROUGH[name]: value for name, value in given.items()}
     return Path(source) if source else VehicleGuess(**numbers)
 

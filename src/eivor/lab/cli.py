@@ -34,7 +34,6 @@ from eivor.cli.outputs import (
     option,
     output_file,
     progress_bar,
-    show_table,
     step,
     write,
     write_out,
@@ -88,7 +87,6 @@ def paper(
             values=tuple(item.name for item in named_readings(())),
         ),
     ] = "",
-    list_readings: Annotated[bool, flag("--list", "List the readings, what each says, and leave.")] = False,
     workers: Annotated[int | None, option("N", "Processes; default: one for each core.")] = None,
     json: JsonOption = "",
 ) -> ExitCode:
@@ -101,9 +99,6 @@ def paper(
     """
     named = tuple(name.strip() for name in readings.split(",") if name.strip())
     chosen = named_readings(() if named == (ALL,) else named)
-    if list_readings:
-        show_table(("reading", "what it says"), ((item.name, item.sentence) for item in chosen))
-        return ExitCode.IDENTIFIED
     if runs < 2 or (workers or 0) < 0:
         expected = "two runs or more, and workers of zero or more"
         raise UsageError(expected, f"--runs {runs} --workers {workers or 0}", "The paper has 100 runs.")
@@ -154,9 +149,6 @@ def _folder(text: str) -> Path:
     return folder
 
 
-LOG_FORMATS = (".parquet", ".csv")
-#: Logs of flights that are slower are not identified.
-FLIGHT_RATE_HZ = 50.0
 SIMULATE_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 written; 2 wrong usage; 1 a scenario that cannot be read or is not one, or a "
     "file that cannot be written."
@@ -175,7 +167,7 @@ def simulate(
         Reads(),
     ],
     *,
-    out: Annotated[str, option("FILE", "The log, which ends in .parquet or .csv.", "--out", "-o"), Writes()],
+    out: Annotated[str, option("FILE", "The log, which ends in .parquet.", "--out", "-o"), Writes()],
     seed: Annotated[int, option("N", "Of all randomness: the same gives the same log.")] = 0,
     truth: Annotated[
         str, option("FILE.json", "Write the parameters and the noises that were added."), Writes()
@@ -185,7 +177,6 @@ def simulate(
         option("FILE.toml", "Write the vehicle file that `eivor identify --model rigid-body` asks for."),
         Writes(),
     ] = "",
-    hover: Annotated[bool, flag("--hover", "Add the input that carries the weight, g / K_u.")] = False,
     fit: Annotated[
         str,
         option("FIT.json", "Fly the vehicle that a result of the rigid body identified.", "--from"),
@@ -202,19 +193,18 @@ def simulate(
     100 Hz, commands that the rotors follow with a lag, and the altitude that was requested.
 
     'crazyflie' and 'quadrotor', and a file with kind = "rigid-body", fly all axes of a vehicle: its log has
-    body rates, attitude and the controller's setpoints too. What sensors log at several rates needs .parquet.
+    body rates, attitude and the controller's setpoints too.
 
     With --from FIT.json these fly the vehicle of a result instead of their own.
 
     Other scenarios move about hover. Their log has acceleration_z, velocity_z and input as measured, and
     under control the reference too: reference_velocity_z, or reference_position_z beside position_z.
-    Their input is a deviation from hover; with --hover it is the whole input.
+    Their input is a deviation from hover.
     """
     checks.seed(seed)
     log_path = Path(out)
-    if log_path.suffix not in LOG_FORMATS:
-        remedy = "The ending chooses the format."
-        raise UsageError(f"a log that ends in {' or '.join(LOG_FORMATS)}", f"'{out}'", remedy)
+    if log_path.suffix != ".parquet":
+        raise UsageError("a log that ends in .parquet", f"'{out}'", "Change the ending.")
     source = Path(scenario_file)
     scenario, files = _scenario(source)
     if fit:
@@ -226,7 +216,7 @@ def simulate(
     keep_inputs(source.name, files)
     try:
         with step("Simulating"):
-            made = _simulated(scenario, seed, hover=hover)
+            made = _simulated(scenario, seed)
     except ParameterError as error:  # what depends on rate and length shows only here
         raise InputError(error.expected, f"{error.received}, in {source.name}", error.remedy) from error
     with writing(log_path):
@@ -237,12 +227,6 @@ def simulate(
         write_out(vehicle_text(scenario, source.stem), vehicle)
     duration = made.samples / made.rate_hz
     write(f"{log_path}: {made.samples} samples at {made.rate_hz:g} Hz, {duration:g} s\n")
-    if hover and made.rate_hz < FLIGHT_RATE_HZ:
-        complain(
-            f"{made.rate_hz:g} Hz is too slow for `eivor identify`, which cannot distinguish the rotors' lag "
-            f"from the friction below {FLIGHT_RATE_HZ:g} Hz",
-            "Raise rate_hz, or take 'flight', a scenario like a flight.",
-        )
     return ExitCode.IDENTIFIED
 
 
@@ -271,12 +255,9 @@ def _of_fit(scenario: Simulated, fit: str, mass: str, accept: str) -> RigidBodyF
     return replace(scenario, vehicle=simulated_vehicle(made))
 
 
-def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
+def _simulated(scenario: Simulated, seed: int) -> KnownLog:
     if isinstance(scenario, Scenario):
-        return log_about_hover(scenario, seed, hover=hover)
-    if hover:
-        expected = "--hover with a scenario about hover"
-        raise UsageError(expected, "a flight, whose log has the whole input", "Leave --hover out.")
+        return log_about_hover(scenario, seed)
     if isinstance(scenario, RigidBodyFlightSpec):
         return log_of_rigid_body_flight(replace(scenario, seed=seed))
     return next(logs_of_flights([replace(scenario, seed=seed)]))

@@ -82,7 +82,7 @@ def cramer_rao(scenario: Scenario, runs: int = RUNS, seed: int = 0) -> CramerRao
     checks.kind("scenario", scenario, Scenario, "a Scenario", "Make one: ev.Scenario(0.3, 0.02).")
     checks.whole("runs", runs)
     checks.seed(seed)
-    if scenario.controlled:
+    if scenario.control is not None:
         expected = "a scenario in open loop, for its bound"
         remedy = "Leave the control out; its bound is that of the open loop with the same input."
         raise ParameterError(expected, "one under control, whose input depends on the noises", remedy)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import ClassVar
 
 import numpy as np
 import scipy
 
 from eivor import checks
-from eivor.errors import ParameterError, UsageError
-from eivor.motions.vertical.model import GRAVITY
+from eivor.errors import ParameterError
 from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.recording import Channel, Recording
@@ -21,74 +19,32 @@ from eivor.simulation.excitation import Disturbance, Excitation, PaperInput
 from eivor.simulation.known_logs import KnownLog, known_log
 from eivor.tools import Float
 
-#: From altitude to velocity, zero for a velocity that is given; p and i of u = p d + i T sum(d).
-Gains = tuple[float, float, float]
 
-
+@dataclass(frozen=True, slots=True)
 class Control:
-    """Where the input comes from."""
+    """PI control of the measured velocity, whose setpoint follows the altitude where that has a gain.
 
-    #: Channel that the excitation is: `input`, or the reference of a controller.
-    reference: ClassVar[str]
-
-    @property
-    def gains(self) -> Gains | None:
-        """Gains of the controller, None in open loop."""
-        return None
-
-
-@dataclass(frozen=True, slots=True)
-class OpenLoop(Control):
-    """No control: the excitation is the input."""
-
-    reference: ClassVar[str] = "input"
-
-
-@dataclass(frozen=True, slots=True)
-class VelocityControl(Control):
-    """PI control of the measured velocity: the excitation is its reference [m/s]."""
-
-    reference: ClassVar[str] = "reference_velocity_z"
-    velocity_gain: float  # Input per velocity missing [input per m/s]
-    velocity_integral_gain: float = 0.0  # Input per metre that the missing velocity adds up to
-
-    def __post_init__(self) -> None:
-        _check_velocity_gains(self.velocity_gain, self.velocity_integral_gain)
-
-    @property
-    def gains(self) -> Gains | None:
-        return 0.0, self.velocity_gain, self.velocity_integral_gain
-
-
-@dataclass(frozen=True, slots=True)
-class AltitudeControl(Control):
-    """Proportional control of the measured altitude over PI control of the measured velocity.
-
-    The excitation is the reference altitude [m].
+    The excitation is the reference velocity [m/s], or with an altitude gain the reference altitude [m].
     """
 
-    reference: ClassVar[str] = "reference_position_z"
-    altitude_gain: float  # Velocity setpoint per altitude missing [1/s]
-    velocity_gain: float  # Input per velocity missing [input per m/s], and per metre that it adds up to
-    velocity_integral_gain: float = 0.0
+    velocity_gain: float  # Input per velocity missing [input per m/s]
+    velocity_integral_gain: float = 0.0  # Input per metre that the missing velocity adds up to
+    altitude_gain: float = 0.0  # Velocity setpoint per altitude missing [1/s]
 
     def __post_init__(self) -> None:
-        checks.positive("altitude_gain", self.altitude_gain)
-        _check_velocity_gains(self.velocity_gain, self.velocity_integral_gain)
+        checks.non_negative("altitude_gain", self.altitude_gain)
+        checks.finite("velocity_gain", self.velocity_gain)
+        checks.finite("velocity_integral_gain", self.velocity_integral_gain)
+        if self.velocity_gain == 0.0 and self.velocity_integral_gain == 0.0:
+            expected = "a controller with a velocity_gain or a velocity_integral_gain"
+            raise ParameterError(
+                expected, "both zero", "Give one of them, or leave the control out for open loop."
+            )
 
     @property
-    def gains(self) -> Gains | None:
-        return self.altitude_gain, self.velocity_gain, self.velocity_integral_gain
-
-
-def _check_velocity_gains(proportional: float, integral: float) -> None:
-    checks.finite("velocity_gain", proportional)
-    checks.finite("velocity_integral_gain", integral)
-    if proportional == 0.0 and integral == 0.0:
-        expected = "a controller with a velocity_gain or a velocity_integral_gain"
-        raise ParameterError(
-            expected, "both zero", "Give one of them, or leave the control out for open loop."
-        )
+    def reference(self) -> str:
+        """Channel that the excitation is."""
+        return "reference_position_z" if self.altitude_gain else "reference_velocity_z"
 
 
 #: K T below which the gains are summed as series: their closed forms would cancel.
@@ -132,11 +88,11 @@ class SampledLoop:
     error_gain: float
 
 
-def sampled_loop(vehicle: SampledVehicle, gains: Gains) -> SampledLoop:
+def sampled_loop(vehicle: SampledVehicle, control: Control) -> SampledLoop:
     """Loop of a vehicle under control, without the states that the controller does not use."""
-    altitude_gain, velocity_gain, integral_gain = gains
-    summed = integral_gain * vehicle.step_s
-    present = velocity_gain + summed
+    altitude_gain = control.altitude_gain
+    summed = control.velocity_integral_gain * vehicle.step_s
+    present = control.velocity_gain + summed
     # All three states; the error is d = addition - seen x, the input u = present d + summed x[2].
     plant = np.array([[vehicle.decay, 0.0, 0.0], [vehicle.held, 1.0, 0.0], [0.0, 0.0, 1.0]])
     push = np.array([vehicle.held, vehicle.step_s * vehicle.ramp, 0.0])
@@ -144,16 +100,14 @@ def sampled_loop(vehicle: SampledVehicle, gains: Gains) -> SampledLoop:
     from_state = np.array([0.0, 0.0, summed]) - present * seen
     sums = np.array([0.0, 0.0, 1.0])
     matrix = plant + np.outer(vehicle.input_gain * push, from_state) - np.outer(sums, seen)
-    used = np.array([True, altitude_gain != 0.0, integral_gain != 0.0])
+    used = np.array([True, altitude_gain != 0.0, control.velocity_integral_gain != 0.0])
     error_effect = (vehicle.input_gain * present * push + sums)[used]
     return SampledLoop(matrix[np.ix_(used, used)], error_effect, push[used], from_state[used], present)
 
 
 def check_stable(vehicle: SampledVehicle, control: Control) -> None:
     """Refuse gains with which the sampled loop is not stable."""
-    if control.gains is None:
-        return
-    radius = float(np.abs(np.linalg.eigvals(sampled_loop(vehicle, control.gains).matrix)).max())
+    radius = float(np.abs(np.linalg.eigvals(sampled_loop(vehicle, control).matrix)).max())
     if not radius < 1.0:
         raise ParameterError(
             "gains with which every mode of the control loop decays",
@@ -229,8 +183,7 @@ class Scenario:
     disturbance_to_signal: float | None = None  # Scales it to this share of the standard deviation of z''
     route: DisturbanceRoute = DisturbanceRoute.EQUATION  # Where the disturbance enters
     intersample: Intersample = Intersample.HOLD  # Of the input
-    # What makes the input: open loop, or a controller of velocity or altitude
-    control: Control = field(default_factory=OpenLoop)
+    control: Control | None = None  # What makes the input; None for open loop
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -245,7 +198,9 @@ class Scenario:
             if self.disturbance is None:
                 remedy = "Give the disturbance as well."
                 raise ParameterError("a disturbance to scale", "disturbance_to_signal alone", remedy)
-        if self.controlled and self.intersample is not Intersample.HOLD:
+        if self.control is None:
+            return
+        if self.intersample is not Intersample.HOLD:
             expected = "an input that is held between samples, as a sampled controller gives it"
             received = f"intersample '{self.intersample.value}' under control"
             raise ParameterError(expected, received, "Use hold, or leave the control out.")
@@ -273,19 +228,14 @@ class Scenario:
         return sampled_vehicle(self.viscous_friction, self.input_gain, self.step_s)
 
     @property
-    def controlled(self) -> bool:
-        """Whether a controller makes the input; then the excitation is its reference."""
-        return self.control.gains is not None
-
-    @property
     def measured(self) -> tuple[str, ...]:
         """Channels of the record that are measured."""
-        return NOISY_CHANNELS if isinstance(self.control, AltitudeControl) else ALWAYS_MEASURED
+        return NOISY_CHANNELS if self.control and self.control.altitude_gain else ALWAYS_MEASURED
 
     @property
     def references(self) -> tuple[str, ...]:
         """Channels of the record that are known without error: the reference under control."""
-        return (self.control.reference,) if self.controlled else ()
+        return (self.control.reference,) if self.control else ()
 
 
 @dataclass(frozen=True)
@@ -302,7 +252,7 @@ _KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("disturbance", (Disturbance, type(None)), "a disturbance"),
     ("route", DisturbanceRoute, "a DisturbanceRoute"),
     ("intersample", Intersample, "an Intersample"),
-    ("control", Control, "a control"),
+    ("control", (Control, type(None)), "a control"),
 )
 #: For channels that a scenario does not measure, or not always.
 _REMEDIES = {
@@ -378,16 +328,16 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
     checks.kind("rng", rng, np.random.Generator, "a generator", "Give numpy.random.default_rng(0).")
     streams = dict(zip(SOURCES, rng.spawn(len(SOURCES)), strict=True))
     drive = scenario.excitation.sample(scenario.samples, scenario.step_s, streams["excitation"])
-    gains, rest = scenario.control.gains, np.zeros_like(drive)
-    motion = moved(scenario, drive if gains is None else (gains[0] or 1.0) * drive, rest)
+    control, rest = scenario.control, np.zeros_like(drive)
+    motion = moved(scenario, drive if control is None else (control.altitude_gain or 1.0) * drive, rest)
     disturbance = _disturbance(scenario, motion, streams["disturbance"])
     if scenario.route is DisturbanceRoute.DYNAMICS and scenario.disturbance is not None:
         motion += moved(scenario, rest, disturbance)
     channels = _channels(scenario, motion, disturbance)
     noise = declared_noise(scenario.noise, scenario.noise_to_signal, channels)
     errors = {name: each.sample(scenario.samples, streams[name]) for name, each in noise.items()}
-    if gains is not None:
-        error = errors["velocity_z"] + gains[0] * errors.get("position_z", rest)
+    if control is not None:
+        error = errors["velocity_z"] + control.altitude_gain * errors.get("position_z", rest)
         motion += moved(scenario, -error, rest)
     true = _channels(scenario, motion, disturbance)
     references = dict.fromkeys(scenario.references, drive)
@@ -400,13 +350,13 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
 
 def moved(scenario: Scenario, added: Series, pushed: Series) -> LinearMotion:
     """Motion from rest under what is added to the input, or to a controller's error, and accelerations."""
-    vehicle, gains = scenario.vehicle, scenario.control.gains
-    if gains is not None:
-        loop = sampled_loop(vehicle, gains)
+    vehicle, control = scenario.vehicle, scenario.control
+    if control is not None:
+        loop = sampled_loop(vehicle, control)
         forcing = np.outer(added[:-1], loop.error_effect) + np.outer(pushed[:-1], loop.push_effect)
         states = from_rest(loop.matrix, forcing)
         commanded = loop.error_gain * added + states @ loop.input_from_state
-        return LinearMotion(commanded, states[:, 0], states[:, 1] if gains[0] != 0.0 else None)
+        return LinearMotion(commanded, states[:, 0], states[:, 1] if control.altitude_gain else None)
     steps = scenario.input_gain * vehicle.held * added[:-1] + vehicle.held * pushed[:-1]
     if scenario.intersample is Intersample.LINEAR:
         steps += scenario.input_gain * vehicle.ramp * np.diff(added)
@@ -449,19 +399,14 @@ def _disturbance(scenario: Scenario, undisturbed: LinearMotion, rng: np.random.G
     return scenario.disturbance_to_signal * float(response.std()) / spread * series
 
 
-def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> KnownLog:
-    """Log of the measured channels of a scenario; with `hover` the input carries the weight too."""
-    if hover and scenario.input_gain <= 0.0:
-        expected = "an input_gain above zero with --hover"
-        raise UsageError(expected, f"{scenario.input_gain}", "Leave --hover out.")
-    hover_input = GRAVITY / scenario.input_gain if hover else 0.0
+def log_about_hover(scenario: Scenario, seed: int) -> KnownLog:
+    """Log of the measured channels of a scenario."""
     record = simulate(scenario, np.random.default_rng(seed))
     signals = record.signals
     time_s = np.arange(signals.sample_count) * signals.step_s
-    logged = dict(signals.channels) | {"input": signals.channels["input"] + hover_input}
     channels = {
         key: Channel(key, time_s, values, unit_of(key), source="simulation", held=held_by_default(key))
-        for key, values in logged.items()
+        for key, values in signals.channels.items()
     }
     recording = Recording(name="simulation", format="simulation", channels=channels)
     truth = {
@@ -475,6 +420,5 @@ def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> Kn
             "route": scenario.route.value,
             "std": float(record.truth.channels["disturbance"].std()),
         },
-        "hover_input": hover_input,
     }
     return known_log(recording, scenario.rate_hz, scenario.samples, seed, truth)

@@ -18,7 +18,7 @@ from eivor import checks
 from eivor.errors import EivorError, UsageError, did_you_mean
 from eivor.lab import disturbances
 from eivor.lab.experiments import INPUT, OUTPUT, DifferenceEquation, Experiment, VerticalExperiment
-from eivor.lab.records import ABOUT_HOVER, NOISY_CHANNELS, AltitudeControl, Control, Scenario, VelocityControl
+from eivor.lab.records import ABOUT_HOVER, NOISY_CHANNELS, Scenario
 from eivor.lab.study import MethodChoice, Study
 from eivor.signals.noise import (
     AutoregressiveNoise,
@@ -78,13 +78,11 @@ EXCITATIONS: Mapping[str, Maker] = {
     "series": excitation.GivenSeries,
     "scaled": excitation.ScaledExcitation,
 }
-CONTROLS: Mapping[str, Maker] = {"velocity": VelocityControl, "altitude": AltitudeControl}
 #: Kinds by the abstract class that a parameter asks for.
 KINDS: Mapping[type, Mapping[str, Maker]] = {
     MeasurementNoise: NOISES,
     excitation.Disturbance: DISTURBANCES,
     excitation.Excitation: EXCITATIONS,
-    Control: CONTROLS,
     disturbances.CoefficientPath: COURSES,
 }
 #: Kinds that are meant where a table names none.

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
@@ -19,7 +18,6 @@ from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import first_order_lag
 from eivor.simulation.vertical import AltitudeController
-from eivor.strict_toml import read_toml
 from eivor.tools import Float
 
 
@@ -334,13 +332,6 @@ def vehicle_of_result(
             f"one that does not ({error})",
             "Identify the flight again.",
         ) from error
-
-
-def read_vehicle(path: Path) -> VehicleGuess:
-    """Vehicle from a TOML file with the rough numbers of `VehicleGuess`, all optional."""
-    keys = [(name, float, getattr(VehicleGuess, name)) for name in checks.ranges_of(VehicleGuess)]
-    numbers = msgspec.defstruct("VehicleFile", keys, forbid_unknown_fields=True)
-    return VehicleGuess(**msgspec.structs.asdict(read_toml(path, "a vehicle").convert(numbers)))
 
 
 def _within(name: str, numbers: Mapping[str, float]) -> float:

@@ -44,7 +44,7 @@ def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
             expected = "a flight that follows its reference within 5 m"
             remedy = "Make the gusts weaker, or the trajectory less vigorous."
             raise ParameterError(expected, f"one that is lost with the seed {spec.seed}", remedy)
-        # Without its input map, which is the rotors' own default: so a CSV can keep all that there is.
+        # Without its input map, which is the rotors' own default.
         recording = replace(flight.recording, input_map="")
         yield known_log(recording, 1.0 / STEP_S, spec.count, spec.seed, _flight_truth(spec))
 
@@ -97,7 +97,7 @@ def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
         expected = "a flight that follows its height within 5 m and stays upright"
         remedy = "Make gusts, steps or disturbances smaller, or the controller less quick."
         raise ParameterError(expected, f"one that is lost with the seed {spec.seed}", remedy)
-    # Without its input map where that is the rotors' own default: so a CSV can keep all that there is.
+    # Without its input map where that is the rotors' own default.
     recording = replace(flight.recording, input_map="")
     return known_log(recording, spec.rate_hz, spec.count, spec.seed, _rigid_body_truth(spec, flight))
 

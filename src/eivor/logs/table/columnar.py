@@ -42,7 +42,7 @@ from eivor.logs.table.delimited import (
     table_columns,
 )
 from eivor.process_pool import SANDBOX
-from eivor.signals.channels import CurveSide, held_by_default
+from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, Frame, LogOrigin, Recording
 from eivor.tools import Float
 
@@ -432,22 +432,17 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     import polars as pl
 
     position = Path(path)
-    if position.suffix not in (".parquet", ".csv"):
-        expected = "a path that ends in .parquet or .csv"
-        raise UsageError(expected, f"'{position.name}'", "Parquet keeps everything; CSV the numbers.")
+    if position.suffix != ".parquet":
+        expected = "a path that ends in .parquet"
+        raise UsageError(expected, f"'{position.name}'", "Change the ending.")
     if not recording.channels:
         raise UsageError("a recording with channels", "one without", "Nothing can be written.")
     time = _all_stamps(recording)
     channels = {name: _on_stamps(channel, time) for name, channel in recording.channels.items()}
     frame = pl.DataFrame({"time": time, **channels})
     on_own = [channel.name for channel in recording.channels.values() if channel.time_s.size != time.size]
-    if position.suffix == ".csv":
-        _check_csv(recording, on_own)
     with atomic_write(position) as file:
-        if position.suffix == ".csv":
-            frame.write_csv(file)
-        else:
-            frame.write_parquet(file, metadata={METADATA_KEY: _metadata(recording, on_own)})
+        frame.write_parquet(file, metadata={METADATA_KEY: _metadata(recording, on_own)})
 
 
 def _all_stamps(recording: Recording) -> Float[np.ndarray, " n"]:
@@ -468,22 +463,6 @@ def _on_stamps(channel: Channel, time: Float[np.ndarray, " n"]) -> Float[np.ndar
     values = np.full(time.size, np.nan)
     values[np.searchsorted(time, channel.time_s)] = channel.values
     return values
-
-
-def _check_csv(recording: Recording, on_own: Sequence[str]) -> None:
-    channels = recording.channels.values()
-    losses = (
-        *(f"the stamps of {name}" + (" and others" if len(on_own) > 1 else "") for name in on_own[:1]),
-        *(["its frame (z down)"] if recording.frame is not Frame.Z_UP else []),
-        *([f"its input map '{recording.input_map}'"] if recording.input_map else []),
-        *(f"how {c.name} is held" for c in channels if c.held != held_by_default(c.name)),
-        *(f"the delay of {c.name}" for c in channels if c.delay_s),
-        *(f"the curve_side of {c.name}" for c in channels if c.curve_side.value),
-        *(f"that an estimator made {c.name}" for c in channels if c.estimated),
-    )
-    if losses:
-        expected = "a recording that a CSV can keep"
-        raise UsageError(expected, f"one that would lose {', '.join(losses)}", "Write .parquet instead.")
 
 
 #: What metadata hold of a channel and of its quality, and the type of each.
