@@ -19,8 +19,8 @@ from typing import Any, get_args
 
 import griffe
 
+from eivor.lab.disturbances import CoefficientCourse
 from eivor.lab.scenario_files import (
-    COURSES,
     DISTURBANCES,
     EXCITATIONS,
     NOISES,
@@ -76,7 +76,7 @@ def parts() -> dict[str, str]:
     return {
         "noises": kinds(NOISES),
         "disturbances": kinds(DISTURBANCES),
-        "courses": kinds(COURSES),
+        "courses": markdown(("coefficient", "keys"), [(summary(CoefficientCourse), keys(CoefficientCourse))]),
         "excitations": kinds(EXCITATIONS),
         "flights": markdown(("table", "keys"), [(name, keys(maker)) for name, maker in flight.items()]),
         "rigid bodies": markdown(

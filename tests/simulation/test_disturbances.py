@@ -20,7 +20,6 @@ from eivor.lab.disturbances import (
     BoundedAdversary,
     CoefficientCourse,
     Garch,
-    GivenCourse,
     GivenDisturbance,
     OrnsteinUhlenbeck,
     RandomCoefficientMovingAverage,
@@ -181,14 +180,6 @@ def test_a_series_of_ones_own_is_taken_as_it_is():
     values = tuple(rng().standard_normal(20).tolist())
     for kind in (GivenDisturbance, GivenSeries):
         np.testing.assert_array_equal(kind(values).sample(15, STEP_S, rng()), values[:15])
-
-
-def test_coefficients_of_ones_own_make_the_recursion():
-    """The same coefficients by a sinusoid, and by its values."""
-    trend = CoefficientCourse(mean=0.2, amplitude=0.6, cycles=3.0)
-    given = GivenCourse(tuple(trend.values(200).tolist()))
-    series = [TimeVaryingArma(1.0, (item,), (item,)).sample(200, STEP_S, rng()) for item in (trend, given)]
-    np.testing.assert_allclose(series[1], series[0], rtol=1e-12)
 
 
 def test_arch_has_the_kurtosis_of_engle():

@@ -132,7 +132,6 @@ KINDS = {
         "time_varying_arma; std = 1; autoregression = [{ amplitude = 0.8, cycles = 3 }]",
         f"series; values = [{ONES}]",
         "bilinear; terms = [{ coefficient = 0.3 }, { coefficient = -0.2, series_lag = 4 }]",
-        f"time_varying_arma; std = 1; autoregression = [{{ kind = 'series', series = [{TENTHS}] }}]",
     ],
     "excitation": [
         "white",

@@ -23,11 +23,6 @@ from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flig
 from eivor.strict_toml import read_toml
 from refusal_rows import calls, rows, table
 
-
-def short_course():
-    d.TimeVaryingArma(1.0, (d.GivenCourse((0.1,) * 200),)).sample(201, STEP_S, rng())
-
-
 DISTURBANCES = calls("disturbance", ParameterError,
     (lambda: e.WhiteDisturbance(-1.0), "a finite std of zero or more; received std=-1.0"),
     (lambda: d.Arma(1.0, (1.0,)), r"stationary autoregression.*multiplied by 1 each step"),
@@ -36,7 +31,6 @@ DISTURBANCES = calls("disturbance", ParameterError,
     (lambda: d.TimeVaryingArma(1.0, (d.CoefficientCourse(0.5, 0.6),)), "stationary at every time"),
     (lambda: d.RandomCoefficientMovingAverage((1.0,), (-1.0,)), "a finite std of a coefficient of zero"),
     (lambda: d.ThresholdMovingAverage((0.0,), ((0.1,), (0.2,)), delay=0), "delay of 1 or more"),
-    (lambda: d.TimeVaryingArma(1.0, (d.GivenCourse((0.5, 1.5, 0.5)),)), "stationary at every time"),
     (lambda: d.GivenDisturbance((1.0, float("nan"))), "a finite value"),
     (lambda: d.Bilinear((d.BilinearTerm(1.0),)), "below one, so that the series is stationary; received 1"),
     (lambda: d.Garch(0.1, (0.5,), (0.5,)), "add up to less than one.*received 1"),
@@ -58,7 +52,6 @@ DISTURBANCES = calls("disturbance", ParameterError,
     (lambda: e.ScaledExcitation(e.PaperInput(), -1.0), "a finite std of zero or more"),
     (lambda: sampled(e.GivenSeries((1.0, 2.0, 3.0)), 4), r"a series of 4 values or more.*received 3"),
     (lambda: d.GivenDisturbance((0.1,) * 20).sample(21, STEP_S, rng()), "a series of 21 values or more"),
-    (short_course, "a series of 201 values or more"),
 )  # fmt: skip
 PARTS = calls("part", ParameterError,
     (lambda: FlightController(quickness=3.0), "quickness between"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from bisect import bisect_left
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -16,7 +15,6 @@ from eivor.simulation.excitation import (
     GivenSeries,
     at_least,
     autoregression,
-    beginning_of,
     constant,
     equally_many,
     given,
@@ -26,21 +24,8 @@ from eivor.simulation.excitation import (
 from eivor.tools import Float
 
 
-class CoefficientPath(ABC):
-    """A coefficient that changes over a record."""
-
-    @property
-    def longest(self) -> int | None:
-        """Samples that it is known for; None for a record of any length."""
-        return None
-
-    @abstractmethod
-    def values(self, count: int) -> Float[np.ndarray, " count"]:
-        """Coefficient at each sample of a record of that length."""
-
-
 @dataclass(frozen=True, slots=True)
-class CoefficientCourse(CoefficientPath):
+class CoefficientCourse:
     """Course of a coefficient over a record: mean + amplitude sin(2 pi cycles k / N + phase)."""
 
     mean: float = 0.0  # Pure numbers
@@ -53,29 +38,12 @@ class CoefficientCourse(CoefficientPath):
             finite(name, getattr(self, name))
 
     def values(self, count: int) -> Float[np.ndarray, " count"]:
+        """Coefficient at each sample of a record of that length."""
         turns = self.cycles * np.arange(count) / count
         return self.mean + self.amplitude * np.sin(2.0 * np.pi * turns + self.phase)
 
 
-@dataclass(frozen=True, slots=True)
-class GivenCourse(CoefficientPath):
-    """A coefficient's own series, from the record's beginning."""
-
-    series: tuple[float, ...]  # At least as many as the record has samples
-
-    def __post_init__(self) -> None:
-        given("series", self.series)
-        finite("value", *self.series)
-
-    @property
-    def longest(self) -> int:
-        return len(self.series)
-
-    def values(self, count: int) -> Float[np.ndarray, " count"]:
-        return beginning_of(self.series, count)
-
-
-#: Times of the record at which changing coefficients are checked.
+#: Length of a record over which changing coefficients are checked.
 CHECKED = 257
 
 
@@ -124,16 +92,14 @@ class TimeVaryingArma(Disturbance):
     """Autoregressive moving average whose coefficients depend on time; zero before the record."""
 
     std: float  # Standard deviation of the shocks w, in the unit of the equation
-    # Of a_1, a_2, ... and b_1, b_2, ...: sinusoids where no kind is named
-    autoregression: tuple[CoefficientPath, ...] = ()
-    moving_average: tuple[CoefficientPath, ...] = ()
+    # Of a_1, a_2, ... and b_1, b_2, ...
+    autoregression: tuple[CoefficientCourse, ...] = ()
+    moving_average: tuple[CoefficientCourse, ...] = ()
 
     def __post_init__(self) -> None:
         non_negative("std", self.std)
-        known = [item.longest for item in self.autoregression if item.longest is not None]
-        paths = self._coefficients(self.autoregression, min(known, default=CHECKED))
-        times = np.linspace(0, len(paths) - 1, min(len(paths), CHECKED)).round().astype(np.int64)
-        root = max((largest_root(row) for row in paths[times]), default=0.0)
+        courses = self._coefficients(self.autoregression, CHECKED)
+        root = max((largest_root(row) for row in courses), default=0.0)
         expected = "an autoregression that is stationary at every time of the record"
         received = f"one whose slowest mode is multiplied by up to {root:.4g} each step"
         require(root < 1.0, expected, received, "Make the means or amplitudes smaller.")
@@ -141,13 +107,13 @@ class TimeVaryingArma(Disturbance):
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         shocks = rng.standard_normal(count)
         driven = shocks.copy()
-        for lag, path in enumerate(self.moving_average[: count - 1], start=1):
-            driven[lag:] += path.values(count)[lag:] * shocks[:-lag]
+        for lag, course in enumerate(self.moving_average[: count - 1], start=1):
+            driven[lag:] += course.values(count)[lag:] * shocks[:-lag]
         return self.std * autoregression(driven, self._coefficients(self.autoregression, count))
 
     @staticmethod
-    def _coefficients(paths: tuple[CoefficientPath, ...], count: int) -> Float[np.ndarray, "count lags"]:
-        return np.array([path.values(count) for path in paths]).reshape(len(paths), count).T
+    def _coefficients(courses: tuple[CoefficientCourse, ...], count: int) -> Float[np.ndarray, "count lags"]:
+        return np.array([course.values(count) for course in courses]).reshape(len(courses), count).T
 
 
 @dataclass(frozen=True, slots=True)

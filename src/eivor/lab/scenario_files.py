@@ -61,11 +61,6 @@ DISTURBANCES: Mapping[str, Maker] = {
     "series": disturbances.GivenDisturbance,
     "sum": disturbances.SumOfDisturbances,
 }
-#: Of coefficients that change; sinusoids when none is named.
-COURSES: Mapping[str, Maker] = {
-    "sinusoid": disturbances.CoefficientCourse,
-    "series": disturbances.GivenCourse,
-}
 EXCITATIONS: Mapping[str, Maker] = {
     "paper": excitation.PaperInput,
     "white": excitation.WhiteExcitation,
@@ -83,16 +78,13 @@ KINDS: Mapping[type, Mapping[str, Maker]] = {
     MeasurementNoise: NOISES,
     excitation.Disturbance: DISTURBANCES,
     excitation.Excitation: EXCITATIONS,
-    disturbances.CoefficientPath: COURSES,
 }
-#: Kinds that are meant where a table names none.
-USUAL: Mapping[type, str] = {disturbances.CoefficientPath: "sinusoid"}
 
 
 def of_kind(table: TomlTable, family: type, *handled: str, **known: object) -> Any:
     """Object that a table with a `kind` describes."""
     kinds = KINDS[family]
-    kind = table.choose("kind", table.values.get("kind", USUAL.get(family, "")), tuple(kinds))
+    kind = table.choose("kind", table.values.get("kind", ""), tuple(kinds))
     return built(table, kinds[kind], "kind", *handled, **known)
 
 
