@@ -50,7 +50,7 @@ ANY_NUMBER = {*NUMBER, "negative"}
 FRACTIONAL = {"output_coefficient_2": 2.0, "input_coefficient_1": 1.0}
 #: What a door takes after all, by the names of its arguments; nothing else.
 ACCEPTED: dict[str, dict[str, set[str]]] = {
-    "anderson_rubin_set": {"errors": {"none"}},
+    "anderson_rubin_set": {"averages": {"none", "whole"}},
     "actuator": {"lag_s delay_s": {"list"}},  # read by the machine
     "behind": {"of actuator": {"text"}},
     "input": {"unit": {"text"}},
@@ -62,7 +62,6 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
         "weak_half_width": NUMBER,
     },
     "reference": {"unit": {"text"}},
-    "AutocorrelatedErrors": {"averages": {"none", "whole"}},
     "bootstrap": {"runs": {"whole"}, "block_length": {"none", "whole"}, "seed": {"whole", "huge"}},
     "ChangeDetector": {
         "threshold drift limit": NUMBER,
@@ -128,7 +127,7 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
         "input_gain": ANY_NUMBER,
         "samples": {"whole"},
         "noise noise_to_signal": {"mapping"},
-        "disturbance disturbance_to_signal": {"none"},
+        "disturbance disturbance_to_signal control": {"none"},
     },
     "SignalRegression": {"instrument_columns": {"list"}},
     "Signals": {
@@ -177,14 +176,14 @@ FLIGHTS = {"bootstrap_flights", "identify_flight", "identify_log", "plan", "vali
 NOT_DOORS = {
     *("AndersonRubinSet", "ConfidenceRegion", "Diagnostics", "Estimate", "FlightEstimate", "LogEstimate"),
     "FlightPlan",
-    *("SavedFit", "FractionalDerivative", "FractionalDifference", "HomoskedasticErrors", "SignPerturbedSet"),
+    *("SavedFit", "FractionalDerivative", "FractionalDifference", "SignPerturbedSet"),
     *("Validation", "WeakInstrumentsWarning", "__version__", "bounds", "covariances", "fleet", "methods"),
     *("Frame", "Status"),
 }
 
 #: Doors of which every argument has a default.
 WITHOUT_ARGUMENTS = {
-    *("AutocorrelatedErrors", "ChangeDetector", "FlightLimits", "VehicleGuess", "VerticalMotion"),
+    *("ChangeDetector", "FlightLimits", "VehicleGuess", "VerticalMotion"),
     *("example_flight", "actuator", "input", "reference", "covariances.KernelRobust"),
 }
 

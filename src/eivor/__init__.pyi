@@ -16,8 +16,6 @@ from eivor.estimation.recursive import identify_recursively as identify_recursiv
 from eivor.estimation.streaming import identify_chunks as identify_chunks
 from eivor.estimation.streaming import moments as moments
 from eivor.estimation.weak_identification import AndersonRubinSet as AndersonRubinSet
-from eivor.estimation.weak_identification import AutocorrelatedErrors as AutocorrelatedErrors
-from eivor.estimation.weak_identification import HomoskedasticErrors as HomoskedasticErrors
 from eivor.estimation.weak_identification import SignPerturbedSet as SignPerturbedSet
 from eivor.estimation.weak_identification import anderson_rubin_set as anderson_rubin_set
 from eivor.estimation.weak_identification import sign_perturbed_set as sign_perturbed_set

@@ -10,7 +10,6 @@ from scipy import stats
 
 import eivor as ev
 import shape_checks
-from inference import instrument_data as data
 
 LEVEL = 0.95
 
@@ -38,7 +37,7 @@ def test_compensation_is_in_the_statistic():
     problem = ev.VerticalMotion(intercept=False).regression(
         simulated("white", 500, [32]), ev.lags("input", 0, 3)
     )
-    result = ev.anderson_rubin_set(problem, ev.methods.generalized_iv(), errors=ev.AutocorrelatedErrors(20))
+    result = ev.anderson_rubin_set(problem, ev.methods.generalized_iv(), averages=20)
     theta = np.array([0.25, 0.0211])
     rows, shared = problem.rows(), problem.instrument_noise_covariance()
     scores = rows.instruments * (rows.response - rows.regressors @ theta)[:, None]
@@ -70,51 +69,6 @@ def test_white_input_strictly_delayed_instruments_say_nothing():
     text = known.summary()
     assert "viscous_friction" in text
     assert known.assumptions in text
-
-
-@pytest.fixture(scope="module")
-def housing():
-    """Median rents of the 50 states: the manual's example of Stata's ivregress."""
-    pytest.importorskip("linearmodels")
-    return data.housing_problem()
-
-
-def test_housing_against_stata_and_textbook_regressions(housing):
-    """The least AR is LIML's kappa less one (Stata: 1.256906483), and AR is the F of a plain regression."""
-    result = ev.anderson_rubin_set(housing, ev.methods.extended_iv(), errors=ev.HomoskedasticErrors())
-    assert result.region.names == ("hsngval",)
-    liml_estimate = np.array([0.00266862318])
-    critical = 4 / 44 * stats.f(4, 44).ppf(LEVEL)
-    assert result.region.excess(liml_estimate) * critical + 1.0 == pytest.approx(1.256906483, rel=1e-8)
-    y, X, Z = housing.response, housing.regressors, housing.instruments
-    for value in (0.001, 0.002, 0.004):
-        e = y - value * X[:, 0]
-        full, short = (float(np.linalg.lstsq(W, e, rcond=None)[1][0]) for W in (Z, X[:, 1:]))
-        F = (short - full) / 4 / (full / 44)
-        excess = result.region.excess(np.array([value]))
-        assert excess * stats.f(4, 44).ppf(LEVEL) == pytest.approx(F, rel=1e-8)
-    # At LIML the F is 2.83, above 2.58: at 95 % the instruments are rejected, at 99 % they are not.
-    assert result.is_empty
-    assert "the data reject the model" in result.summary()
-    wide = ev.anderson_rubin_set(
-        housing, ev.methods.extended_iv(), errors=ev.HomoskedasticErrors(), level=0.99
-    )
-    assert wide.interval("hsngval").contains(0.00266862318)
-
-
-def test_regressors_that_are_all_their_own_instruments():
-    rng = np.random.default_rng(38)
-    Phi = np.column_stack([rng.standard_normal(200), np.ones(200)])
-    problem = ev.regression(
-        response=Phi @ [1.0, 2.0] + rng.standard_normal(200), regressors=Phi, instruments=Phi
-    )
-    result = ev.anderson_rubin_set(problem, ev.methods.extended_iv(), errors=ev.HomoskedasticErrors())
-    fit = ev.identify(problem, ev.methods.least_squares())
-    half = result.interval("theta_1").length / 2.0
-    # One parameter among exogenous ones: the t interval of least squares.
-    white = fit.residuals @ fit.residuals / 198
-    error = np.sqrt(white * np.linalg.inv(Phi.T @ Phi)[0, 0])
-    assert half == pytest.approx(stats.t(198).ppf(0.975) * error, rel=1e-6)
 
 
 def fit_of(noise, seed=1, count=400, truth=(0.3, 1.2)):

@@ -17,7 +17,6 @@ from eivor.estimation.moments import CrossMoments, Instrumental
 from eivor.inference.anderson_rubin import (
     LinearScores,
     averages_for,
-    homoskedastic_region,
     robust_region,
     sign_perturbed_region,
 )
@@ -39,7 +38,6 @@ class MomentRows:
     columns: Float[np.ndarray, "rows n_plus_1"]  # [y Phi]
     noise: Float[np.ndarray, "p n_plus_1"]  # [c C]
     layout: RowLayout
-    partialled: int = 0  # Number of regressors that were partialled out
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,10 +66,8 @@ class MomentRows:
         psi, columns = self.test_functions[:, others], self.columns[:, kept]
         for _ in range(2):  # once more, for what rounding leaves of a large mean
             psi, columns = psi - Q @ (Q.T @ psi), columns - Q @ (Q.T @ columns)
-        noise, partialled = self.noise[others][:, kept], self.partialled + len(regressors)
-        return MomentRows(
-            tuple(self.parameters[j] for j in left), psi, columns, noise, self.layout, partialled
-        )
+        parameters = tuple(self.parameters[j] for j in left)
+        return MomentRows(parameters, psi, columns, self.noise[others][:, kept], self.layout)
 
     def independent(self) -> MomentRows:
         """Equations recombined into orthonormal ones, without directions that are others' combinations."""
@@ -84,11 +80,15 @@ class MomentRows:
 
     def scores(self, averages: int | None) -> LinearScores:
         """Sums and cosine averages of the scores, in one pass; by rule when their number is not given."""
+        equations = self.test_functions.shape[1]
+        if averages is not None and not equations <= averages < self.columns.shape[0]:
+            expected = f"as many cosine averages as equations, {equations}, and fewer than samples"
+            raise TooFewSamplesError(expected, f"{averages}", "Leave averages out, or drop instruments.")
         total = self.test_functions.T @ self.columns - self.columns.shape[0] * self.noise
         cosines = []
         for column in self.columns.T:
             scores = self.layout.scores(self.test_functions, column)
-            count = averages or averages_for(scores.shape[0], self.test_functions.shape[1])
+            count = averages or averages_for(scores.shape[0], equations)
             cosines.append(cosine_averages(scores, count))
         return LinearScores(total, np.stack(cosines, axis=2))
 
@@ -111,71 +111,13 @@ def moment_rows(problem: LinearProblem, method: LinearMethod) -> MomentRows:
     return MomentRows(rows.parameters, psi, columns, noise, rows.layout)
 
 
-class ErrorAssumption(ABC):
-    """What an Anderson-Rubin test supposes of the errors, and the region that follows."""
-
-    sentence: ClassVar[str]  # The assumption in words
-
-    @abstractmethod
-    def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of independent equations."""
-
-
-@dataclass(frozen=True, slots=True)
-class AutocorrelatedErrors(ErrorAssumption):
-    """Errors may be autocorrelated and heteroskedastic."""
-
-    #: Number B of cosine averages. Default: 0.4 rows^(2/3), and two for each equation at least. Fewer allow
-    #: for slower errors and make wider sets.
-    averages: int | None = None
-    sentence: ClassVar[str] = (
-        "The instruments are uncorrelated with the error of their row once the declared noises are "
-        "accounted for; errors may be autocorrelated and heteroskedastic, over times much shorter than "
-        "the record. Holds in large samples, whatever the strength of the instruments."
-    )
-
-    def __post_init__(self) -> None:
-        if self.averages is not None:
-            remedy = "Leave averages out."
-            checks.counted("averages", self.averages, 1, "one cosine average or more", remedy)
-
-    def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        equations = rows.test_functions.shape[1]
-        if self.averages is not None and not equations <= self.averages < rows.columns.shape[0]:
-            expected = f"as many cosine averages as equations, {equations}, and fewer than samples"
-            raise TooFewSamplesError(expected, f"{self.averages}", "Leave averages out, or drop instruments.")
-        return robust_region(rows.names, rows.scores(self.averages), level)
-
-
-@dataclass(frozen=True, slots=True)
-class HomoskedasticErrors(ErrorAssumption):
-    """Errors are white, with one variance: the classical test, in closed form."""
-
-    sentence: ClassVar[str] = (
-        "Errors are white, of one variance, and independent of the instruments. With normal errors the "
-        "joint region is exact in every sample; otherwise it holds in large ones. Whatever the strength "
-        "of the instruments."
-    )
-
-    def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        if rows.noise.any():
-            received = "compensated equations, whose errors share noise with their instruments"
-            remedy = "Use AutocorrelatedErrors(), the default, which takes the scores' variance as it is."
-            raise UsageError("equations without compensation for the classical test", received, remedy)
-        return homoskedastic_region(rows.names, rows.test_functions, rows.columns, level, rows.partialled)
-
-
 class _ConfidenceSets(ABC):
     """Sets of all parameters from a joint region."""
 
     kind: ClassVar[str]
+    assumptions: ClassVar[str]  # What the sets suppose
     parameters: tuple[Parameter, ...]
     level: float
-
-    @property
-    @abstractmethod
-    def assumptions(self) -> str:
-        """What the sets suppose."""
 
     @abstractmethod
     def interval(self, name: str) -> ConfidenceSet:
@@ -208,24 +150,25 @@ class AndersonRubinSet(_ConfidenceSets):
 
     parameters: tuple[Parameter, ...]  # All parameters of the problem
     level: float  # Confidence level
-    errors: ErrorAssumption  # What is supposed of the errors
+    averages: int | None  # Cosine averages; None for the number by rule
     rows: MomentRows = field(repr=False)  # The equations
     kind: ClassVar[str] = "Anderson-Rubin"
+    assumptions: ClassVar[str] = (
+        "The instruments are uncorrelated with the error of their row once the declared noises are "
+        "accounted for; errors may be autocorrelated and heteroskedastic, over times much shorter than "
+        "the record. Holds in large samples, whatever the strength of the instruments."
+    )
 
     @cached_property
     def region(self) -> ConfidenceRegion:
         """Joint region of the parameters that are not partialled out, in their order."""
         return self._region_with()
 
-    @property
-    def assumptions(self) -> str:
-        return self.errors.sentence
-
     def interval(self, name: str) -> ConfidenceSet:
         """Confidence set of one parameter, the others being whatever they may.
 
         Exogenous regressors are partialled out, all but the parameter's own. The rest is the shadow of the
-        joint region; for classical errors with the degrees of freedom of one parameter.
+        joint region.
         """
         position = checks.index_of("a parameter", name, [parameter.name for parameter in self.parameters])
         exogenous = set(self.rows.own_instruments())
@@ -239,7 +182,8 @@ class AndersonRubinSet(_ConfidenceSets):
         gone = [j for j in self.rows.own_instruments() if names[j] != kept]
         if len(gone) == len(names):
             gone = []
-        return self.errors.region(self.rows.without(gone).independent(), self.level)
+        rows = self.rows.without(gone).independent()
+        return robust_region(rows.names, rows.scores(self.averages), self.level)
 
 
 @dataclass(frozen=True)
@@ -270,7 +214,7 @@ def anderson_rubin_set(
     problem: LinearProblem,
     method: LinearMethod,
     *,
-    errors: ErrorAssumption | None = None,
+    averages: int | None = None,
     level: float = 0.95,
 ) -> AndersonRubinSet:
     """Confidence sets that hold however weak the instruments are.
@@ -282,8 +226,9 @@ def anderson_rubin_set(
     method : LinearMethod
         Whose moment equations are tested: `extended_iv`, `generalized_iv`, with or without total least
         squares, or `bias_compensated_least_squares`. Its weighting and its solver play no part.
-    errors : ErrorAssumption, optional
-        `AutocorrelatedErrors()` (default) or `HomoskedasticErrors()`.
+    averages : int, optional
+        Number B of cosine averages. Default: 0.4 rows^(2/3), and two for each equation at least. Fewer allow
+        for slower errors and make wider sets.
     level : float
         Confidence level.
 
@@ -295,17 +240,15 @@ def anderson_rubin_set(
     Raises
     ------
     UsageError
-        When the method has no moment equations, the level is not between 0 and 1, or the classical test is
-        asked of compensated equations.
+        When the method has no moment equations, or the level is not between 0 and 1.
     InstrumentError, MissingNoiseError, TooFewSamplesError
         When the method refuses the problem, or instruments or samples are too few.
     """
     checks.level(level)
-    if errors is None:
-        errors = AutocorrelatedErrors()
-    checks.kind("errors", errors, ErrorAssumption, "AutocorrelatedErrors() or HomoskedasticErrors()")
+    if averages is not None:
+        checks.counted("averages", averages, 1, "one cosine average or more", "Leave averages out.")
     rows = moment_rows(problem, method)
-    result = AndersonRubinSet(problem.parameters, level, errors, rows)
+    result = AndersonRubinSet(problem.parameters, level, averages, rows)
     result.region  # noqa: B018 - what cannot be used is refused here, not at the first question
     return result
 

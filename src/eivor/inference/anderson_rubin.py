@@ -88,32 +88,6 @@ class RobustShape(RegionShape):
         return 0.5 * (V + V.T)
 
 
-@dataclass(frozen=True)
-class HomoskedasticShape(RegionShape):
-    """Region of the classical test, a quadratic inequality."""
-
-    explained: Float[np.ndarray, "m m"]
-    unexplained: Float[np.ndarray, "m m"]
-    critical: float  # Ratio that they must not exceed for the joint region
-    shadow_critical: float
-
-    def excess(self, points: Points) -> PerPoint:
-        above = np.einsum("ka,ab,kb->k", points, self.explained, points)
-        below = np.einsum("ka,ab,kb->k", points, self.unexplained, points)
-        return above / (self.critical * below)
-
-    def along(self, base: Point, step: Point) -> ConfidenceSet:
-        Q = self.explained - self.critical * self.unexplained
-        coefficients = (step @ Q @ step, 2.0 * (base @ Q @ step), base @ Q @ base)
-        return ConfidenceSet.from_quadratic(*map(float, coefficients))
-
-    def shadow(self, axis: int, _size: int) -> ConfidenceSet:
-        S, free = concentrated(self.explained - self.shadow_critical * self.unexplained, [0, axis])
-        if free:
-            return ConfidenceSet.whole_line()
-        return ConfidenceSet.from_quadratic(float(S[1, 1]), float(2.0 * S[0, 1]), float(S[0, 0]))
-
-
 def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) -> ConfidenceRegion:
     """Autocorrelation-robust region."""
     p, averages = scores.total.shape[0], scores.cosines.shape[0]
@@ -129,43 +103,6 @@ def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) ->
     change = _to_frame(frame)
     framed = LinearScores(whitening @ scores.total @ change, whitening @ scores.cosines @ change)
     return ConfidenceRegion(names, frame, RobustShape(framed, critical))
-
-
-def homoskedastic_region(
-    names: tuple[str, ...],
-    instruments: Float[np.ndarray, "rows p"],
-    columns: Float[np.ndarray, "rows n_plus_1"],
-    level: float,
-    partialled: int = 0,
-) -> ConfidenceRegion:
-    """Classical region."""
-    rows, p = instruments.shape
-    n = columns.shape[1] - 1
-    Q = np.linalg.qr(instruments)[0]
-    inside = Q.T @ columns
-    pivot = np.linalg.lstsq(inside[:, 1:], inside[:, 0], rcond=None)[0]
-    residual = columns @ np.concatenate([[1.0], -pivot])
-    left = residual - Q @ (Q.T @ residual)
-    degrees = rows - p - partialled
-    if degrees < 1:
-        expected = f"more than {p + partialled} rows for as many instruments"
-        raise TooFewSamplesError(expected, f"{rows}", "Give a longer record.")
-    variance = float(left @ left) / degrees
-    if not variance > np.finfo(np.float64).eps ** 2 * float(columns[:, 0] @ columns[:, 0]):
-        raise _no_error()
-    scale = np.sqrt(variance) * _standard_errors(inside, np.eye(p))
-    frame = RegionFrame(pivot, scale)
-    change = _to_frame(frame)
-    moved = columns @ change
-    inside = Q.T @ moved
-    outside = moved - Q @ inside
-    shape = HomoskedasticShape(
-        inside.T @ inside / variance,
-        outside.T @ outside / variance,
-        p / degrees * float(scipy.special.fdtri(p, degrees, level)),
-        (p - n + 1) / degrees * float(scipy.special.fdtri(p - n + 1, degrees, level)),
-    )
-    return ConfidenceRegion(names, frame, shape)
 
 
 def _to_frame(frame: RegionFrame) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
