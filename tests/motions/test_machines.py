@@ -339,6 +339,31 @@ def test_a_shipped_machine_is_identified_from_its_own_simulation(name, case, sec
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize("declared", [False, True])
+def test_a_heading_that_guidance_computes_from_the_track_is_no_reference(declared, tmp_path):
+    asked, heading, off = np.zeros(3000), 0.0, 20.0
+
+    def rudder(time, measured):
+        nonlocal heading, off
+        heading = heading + 0.1 * measured["yaw_rate"]
+        off = off + 0.1 * 3.0 * np.sin(heading)
+        wanted = -np.arctan(off / 10.0)
+        asked[round(time / 0.1)] = np.ravel(wanted)[0]
+        return np.clip(wanted - heading - 2.0 * measured["yaw_rate"], -0.5, 0.5)
+
+    text = machine_text("boat-yaw")
+    if declared:
+        text = text.replace('role = "reference"', 'role = "reference", feedback = true')
+    (tmp_path / "boat.toml").write_text(text)
+    boat, signals = ev.load_machine(tmp_path / "boat.toml"), {"rudder": rudder, "reference_heading": asked}
+    errors = {"noise": {"yaw_rate": 0.002}, "disturbance": (0.005, 1.0), "seed": 3}
+    log = ev.recording_from_columns(boat.simulate(BOAT, signals, seconds=300.0, step_s=0.1, **errors))
+    reasons = ev.identify_flight(log, model=boat).verdict.reasons
+    words = "a position loop computes" if declared else "predicts its reference (reference_heading"
+    assert [words in item.sentence for item in reasons if item.status is Status.PROVISIONAL] == [True]
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_a_machine_is_planned_within_limits(boat_fit):
     made = ev.plan(boat_fit, seconds=200.0)
     (reference,) = made.references.values()

@@ -421,6 +421,7 @@ class FlightWords:
     log_planned: str  # What to log where the reference answers the vehicle
     moves: str  # What something that the model does not have does to the vehicle
     undisturbed: str  # What to do about that
+    of_answers: Status = Status.WEAK  # What a reference that is declared to answer it leaves
 
 
 def flight_rules(
@@ -497,7 +498,7 @@ def flight_rules(
         ),
         against(
             answering,
-            Status.WEAK,
+            words.of_answers,
             "The instruments answer the vehicle's own disturbances (a setpoint that a position loop "
             "computes).",
             words.log_planned,

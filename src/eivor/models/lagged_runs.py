@@ -354,6 +354,15 @@ class LaggedRuns(SeparableProblem):
     def band_hz(self, axis: int) -> tuple[float, float]:
         return next(column.band_hz for column in self.columns if column.axis == axis)
 
+    def spectra(self, of_flights: Sequence[Float[np.ndarray, "n k"]]) -> Complex[np.ndarray, "bins k_axes"]:
+        """Bins of columns of each flight, in the rows of every axis by themselves."""
+        blocks, axes = [], self.axes
+        for (item, run), layout in zip(self._cut(), self._bin_layout.runs, strict=True):
+            made = layout.spectrum(of_flights[item.flight][run])
+            zeros = np.zeros_like(made)
+            blocks.append(np.hstack([made if axis == item.axis else zeros for axis in axes]))
+        return np.concatenate(blocks)
+
     def _cut(self) -> Iterator[tuple[AxisColumns, slice]]:
         for column in self.columns:
             for run in column.runs:

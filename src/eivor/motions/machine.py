@@ -34,8 +34,8 @@ from eivor.flights.quantity import (
 from eivor.flights.references import ReferenceSource, white_noise_std
 from eivor.flights.result import FlightEstimate
 from eivor.inference.covariance import JointEstimate
-from eivor.inference.distributions import t_quantile
-from eivor.inference.verdict import Status
+from eivor.inference.distributions import chi_square_tail, t_quantile
+from eivor.inference.verdict import Cause, Status
 from eivor.logs.channel_map import Expression, InTime
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import InstrumentRule, LaggedReferences, Prior
@@ -50,8 +50,9 @@ from eivor.motions.equation import (
     simple_models,
 )
 from eivor.signals.channels import CanonicalChannel
+from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
-from eivor.tools import Bool, Float, capitalised
+from eivor.tools import Bool, Complex, Float, capitalised
 
 # -- Parts of a declaration --
 
@@ -73,6 +74,8 @@ STEPS_S = (0.005, 0.1)
 BAND_SHARE, BAND_HZ = 0.2, (0.04, 5.0)
 #: Above this share of the rate there is nothing to see.
 NYQUIST_SHARE = 0.5
+#: Lags [s] of a reference's past and future that residuals are compared with; p-values below this answer.
+ANSWER_LAGS_S, ANSWERS_BELOW = (0.06, 0.25, 1.0, 4.0), 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -514,6 +517,11 @@ class Machine(DeclaredMotion):
 
         return max(map(lagging, lags), key=partial(_strength, _sought(first)))
 
+    def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> MachineChecks:
+        used = problem.instrument_bins.shape[1] > 0 and bool(np.isfinite(estimate.first_stage).any())
+        names = flights[0].usable_references if used else ()
+        return MachineChecks({name: _answers(problem, estimate, flights, name) for name in names})
+
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         results = dict(super().derive(problem, estimate))
         for number, axis in enumerate(self.axes):
@@ -528,10 +536,12 @@ class Machine(DeclaredMotion):
 
     @property
     def rules(self) -> tuple[verdict.Rule, ...]:  # type: ignore[override]
-        words = verdict.FlightWords(self.move, self.log, self.log, "moves", "Keep disturbances away.")
+        words = verdict.FlightWords(
+            self.move, self.log, self.log, "moves", "Keep disturbances away.", Status.PROVISIONAL
+        )
         moving = [term.name for term in self.terms if not term.is_intercept]
         stages = (*moving, *(LAGS if self.has_lag else ()))
-        rows = [_active_rule(self.activity)]
+        rows = [_active_rule(self.activity), ANSWERING]
         if self.has_lag:
             check = "Check that the command is that of this machine, or declare a longer one."
             rows += verdict.flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG)
@@ -616,6 +626,74 @@ def _active_rule(activity: Activity) -> verdict.Rule:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class MachineChecks(verdict.MotionChecks):
+    """P-values of the test that a reference answers what disturbs the machine."""
+
+    answers: Mapping[str, float]
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        return {f"{name}_answers_p_value": value for name, value in self.answers.items()}
+
+    @property
+    def answering(self) -> str:
+        """References that answer, by name."""
+        least = ANSWERS_BELOW / max(len(self.answers), 1)
+        return ", ".join(name for name, value in self.answers.items() if value < least)
+
+
+ANSWERING = verdict.Rule(
+    (),
+    lambda inputs: inputs.instruments.exogenous and bool(inputs.checks.answering),
+    Status.PROVISIONAL,
+    lambda inputs: (
+        f"What disturbs the machine predicts its reference ({inputs.checks.answering}, p-value "
+        f"{min(inputs.checks.answers.values()):.1g}): a controller computes it, and it biases the numbers."
+    ),
+    "Log and declare what was set beforehand, such as the goal of the outermost loop.",
+    Cause.INSTRUMENT,
+)
+
+
+def _answers(problem: LaggedRuns, estimate: Estimate, flights: Flights, name: str) -> float:
+    """P-value of the test that the residual is none of what a reference's future adds to its past."""
+    past, future = [], []
+    for flight in flights:
+        series, step_s = np.nan_to_num(flight.signals.channel(name)), flight.signals.step_s
+        lags = [lag_s for lag_s in ANSWER_LAGS_S if lag_s >= 2.0 * step_s]
+        lagging = [first_order_lag(series, step_s=step_s, lag_s=lag_s) for lag_s in lags]
+        pairs = zip(lagging, lags, strict=True)
+        twice = [first_order_lag(item, step_s=step_s, lag_s=lag_s) for item, lag_s in pairs]
+        leading = [first_order_lag(series[::-1], step_s=step_s, lag_s=lag_s)[::-1] for lag_s in lags]
+        past.append(np.column_stack([series, *lagging, *twice]))
+        future.append(np.column_stack(leading))
+    bins, at = problem.bins(estimate.nuisances), estimate.nuisances
+    left = bins.residuals(estimate.theta)
+    left = left[:, np.argmin(np.median(np.abs(left), axis=0))]
+    searched = [item for item in problem.nuisances if item.searched]
+    slopes = [
+        item.derivative(lambda to: problem.bins(to).regressors @ estimate.theta, at) for item in searched
+    ]
+    weight = 1.0 / np.sqrt(bins.layout.smoothed(np.abs(left[:, None]) ** 2))
+
+    def rows(columns: Complex[np.ndarray, "bins k"]) -> Float[np.ndarray, "rows k"]:
+        whitened = columns * (np.sqrt(2.0) * weight)
+        made = np.concatenate([whitened.real, whitened.imag])
+        return made / np.maximum(np.linalg.norm(made, axis=0), 1e-300)
+
+    instruments = rows(bins.instruments)
+    known = _range(np.column_stack([rows(problem.spectra(past)), instruments]))
+    added = rows(problem.spectra(future))
+    added = added - known @ (known.T @ added)
+    # what the estimate takes from the residual
+    X, Q = rows(np.column_stack([bins.regressors, *slopes])), _range(instruments)
+    added = added - np.linalg.pinv(Q @ (Q.T @ X)).T @ (X.T @ added)
+    directions, residual = _range(added, 1e-3), rows(left[:, None])
+    statistic = residual.shape[0] * float(((directions.T @ residual) ** 2).sum())
+    return chi_square_tail(statistic, directions.shape[1])
+
+
 def _step_s(inputs: verdict.VerdictInputs) -> float:
     return 1.0 / max(min(inputs.command_rate_hz, inputs.response_rate_hz), 1e-9)
 
@@ -647,6 +725,12 @@ def _sought(problem: LaggedRuns) -> Float[np.ndarray, "rows n"]:
 def _strength(sought: Float[np.ndarray, "rows n"], problem: LaggedRuns) -> float:
     """Least canonical correlation of the instruments with that."""
     return float(np.linalg.svd(_basis(problem.instrument_bins).T @ sought, compute_uv=False)[-1])
+
+
+def _range(rows: Float[np.ndarray, "rows k"], least: float = 1e-6) -> Float[np.ndarray, "rows n"]:
+    """Basis of what columns span, directions below a share of the longest left out."""
+    U, s, _ = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(U[:, s > least * s[0]])
 
 
 def _basis(matrix: np.ndarray) -> Float[np.ndarray, "rows n"]:
