@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from coarse_search import coarse
+from eivor.logs.read import readable_formats
 
 CLEAN = (
     "B2_circle_fast_rep1",
@@ -145,9 +146,11 @@ def test_a_reader_that_goes_away_is_no_error_message(tmp_path):
 
 
 @pytest.mark.thorough
-def test_letters_that_an_encoding_lacks_are_replaced(shell):
+def test_help_names_every_format_and_replaces_letters_that_an_encoding_lacks(shell):
     help_text = shell("identify", "--help", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert "+- Options ---" in help_text.out
+    words = " ".join(help_text.out.replace("|", " ").split())
+    assert [item.label for item in readable_formats() if item.label not in words] == []
     error = shell("identify", "fläche τ.csv", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert "'fl?che ?.csv', which does not exist" in error.err
 
