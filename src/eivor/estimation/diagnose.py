@@ -89,7 +89,7 @@ def _of_rows(estimate: Estimate) -> Record:
     residual = np.ascontiguousarray(residual)
     edges = block_edges(residual.size, block_count(residual.size, psi.shape[1]))
     products = products_of_rows(psi, jacobian, residual, edges=edges)
-    columns = tuple(jacobian[:, j] for j in range(theta.size))
+    columns = tuple(jacobian[:, j].copy() for j in range(theta.size))  # of the series no more is kept
     whole, weights = _assembled(estimate, products)
     return Record(whole, weights, residual, columns, tuple(theta.tolist()), step_s, thinning)
 

@@ -529,7 +529,7 @@ def on_channel_clock(channel: Channel) -> Channel:
 def _without_repeats(channel: Channel) -> Channel:
     """The channel at the stamps of a slower logger whose values fill the rows between; else as it is."""
     starts = np.flatnonzero(np.diff(channel.values, prepend=np.nan) != 0.0)
-    if starts.size < FEWEST_RUNS:
+    if starts.size < FEWEST_RUNS or starts.size > ALIKE[0] * channel.values.size:  # usual runs are shorter
         return channel
     steps = np.diff(channel.time_s)
     step_s = float(np.median(steps))
