@@ -71,9 +71,11 @@ ENTRY_POINTS = "eivor.commands"
 
 
 @cache
-def _targets() -> dict[str, str]:
+def _targets(*names: str) -> dict[str, str]:
+    """Where commands are; those of other packages are looked for where a name is none of Eivor's."""
     listed = {name: module and f"eivor.cli.{module}:{name}" for name, (_, module, _) in COMMANDS.items()}
-    added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
+    known = names and all(map(listed.get, names))
+    added = {} if known else {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
     return {name: target.replace("-", "_") for name, target in (listed | added).items() if target}
 
 
@@ -128,7 +130,7 @@ def application(*names: str, loaded: bool = True) -> typer.Typer:
         rich_markup_mode="rich",
     )
     made.callback()(_eivor)
-    targets = _targets()
+    targets = _targets(*names)
     for name in names or targets:
         panel, _, about = COMMANDS.get(name, (None, "", ""))
         if loaded:
@@ -221,6 +223,6 @@ def _requested_command(arguments: list[str]) -> typer.Typer:
         )
     if not arguments or arguments[0] in {"--help", "--version"}:
         return application(loaded=False)
-    named = [name for name in arguments[:1] if name in _targets()]
+    named = [name for name in arguments[:1] if name in _targets(name)]
     # a misspelt one is answered without the packages of others
     return application(*named, loaded=bool(named))

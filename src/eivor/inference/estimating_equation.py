@@ -215,11 +215,11 @@ def _sum_short_blocks(
     edges: Int[np.ndarray, " K_plus_1"],
     sums: Float[np.ndarray, "K m m"],
 ) -> None:
-    """Fill sums of many short blocks: the first row of all of them, then the second."""
+    """Fill sums of many short blocks: of as many rows as all of them have, then of each further row."""
     firsts, counts = edges[:-1], np.diff(edges)
-    here = columns[firsts]
-    np.multiply(here[:, :, None], here[:, None, :], out=sums)
-    for row in range(1, int(counts.max())):
-        longer = slice(None) if row < counts.min() else np.flatnonzero(counts > row)
+    rows = columns[firsts[:, None] + np.arange(counts.min())]
+    np.matmul(rows.swapaxes(1, 2), rows, out=sums)
+    for row in range(counts.min(), counts.max()):
+        longer = np.flatnonzero(counts > row)
         here = columns[firsts[longer] + row]
         sums[longer] += here[:, :, None] * here[:, None, :]
