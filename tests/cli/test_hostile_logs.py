@@ -141,7 +141,7 @@ def use_library(log, fit, choices):
     from eivor.flights.track import track
     from eivor.motions.table import motion_by_name
     from eivor.report.flight_page import flight_page
-    from eivor.report.inspection import pooled_inspection
+    from eivor.report.inspection import inspection
 
     sentence = []
 
@@ -159,7 +159,7 @@ def use_library(log, fit, choices):
 
     vertical = motion_by_name("vertical")
     called(identified)
-    called(lambda: pooled_inspection([log], FlightOptions(), [None], vertical).logs[0].reasons)
+    called(lambda: inspection(log, FlightOptions(), vertical).reasons)
     called(lambda: ev.validate(fit, log).to_json())
     return "\n".join(sentence)
 

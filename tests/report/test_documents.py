@@ -18,7 +18,7 @@ from eivor.motions.vertical.motion import Vertical
 from eivor.report.card import result_card
 from eivor.report.document import Bullets, Card, CardLine, Document, Look, TableOf
 from eivor.report.flight import log_documents
-from eivor.report.inspection import pooled_documents, pooled_inspection
+from eivor.report.inspection import inspection, inspection_document
 from eivor.report.json_document import json_document
 from eivor.report.rows import NO_NUMBER, QuantityRow
 from eivor.report.terminal import on_terminal
@@ -120,8 +120,8 @@ def test_an_inspection_shows_hostile_sources(recording: Recording) -> None:
     channels = {**recording.channels}
     channels["velocity_z"] = replace(channels["velocity_z"], source=HOSTILE)
     log = replace(recording, channels=channels, parameters={"MPC_THR_HOVER": 0.35})
-    result = pooled_inspection([log], FlightOptions(), [None], Vertical())
-    text = _text(on_terminal(*pooled_documents(result)), 120)
+    result = inspection(log, FlightOptions(), Vertical())
+    text = _text(on_terminal(inspection_document(result)), 120)
     assert "\x1b" not in text
     assert "[red]x[/]" in text
     assert "MPC_THR_HOVER = 0.35" in text

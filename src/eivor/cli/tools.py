@@ -32,6 +32,7 @@ from eivor.cli.outputs import (
     flag,
     group,
     guarded,
+    log_paths,
     option,
     rare_option,
     show_table,
@@ -166,7 +167,7 @@ def fetch(
 
 
 INSPECT_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the logs can be read, whatever identify would say. 2 wrong usage. 1 a log "
+    "[bold]Exit codes[/bold]: 0 the log can be read, whatever identify would say. 2 wrong usage. 1 a log "
     "that cannot be read, or a file that cannot be written (the list is printed all the same)."
 )
 
@@ -176,11 +177,14 @@ INSPECT_EXIT_CODES = (
     LogWords,
     FlightWords,
     only=(
-        *("logs", "example", "window", "max_tilt", "input_channel", "input_map"),
+        *("example", "window", "max_tilt", "input_channel", "input_map"),
         *("model", "vehicle", "machine", "channel_map"),
     ),
 )
 def inspect(
+    log: Annotated[
+        str, argument("LOG", "One log, as of eivor identify; LOG@START:END takes a window."), Reads(log_paths)
+    ] = "",
     *,
     json: JsonOption = "",
     calibration: Annotated[
@@ -188,17 +192,18 @@ def inspect(
     ] = False,
     **given: Any,
 ) -> None:
-    """List what logs hold: channels, flight, references; and what identify would say, of each and of all."""
-    logs = parsing.words_of(LogWords, given)
+    """List what a log holds: channels, flight, references; and what identify would say."""
+    logs = parsing.words_of(LogWords, given | {"logs": [log] if log else None})
     model = logs.model or ("" if logs.machine else DEFAULT_MODEL)
     (motion,) = motions = parsing.named_motions(model, logs.vehicle, logs.machine)
     options = parsing.flight_options(motions, parsing.words_of(FlightWords, given))
-    recordings, windows = parsing.read_logs(logs, options)
-    with step(f"Inspecting {', '.join(recording.name for recording in recordings)}"):
-        pooled = inspection.pooled_inspection(recordings, options, windows, motion)
-    made = inspection.calibration_documents if calibration else inspection.pooled_documents
+    (recording,), (window,) = parsing.read_logs(logs, options)
+    with step(f"Inspecting {recording.name}"):
+        part = options if window is None else replace(options, window=window)
+        inspected = inspection.inspection(recording, part, motion)
+    made = inspection.calibration_document if calibration else inspection.inspection_document
     deliver_result(
-        lambda: on_terminal(*made(pooled)), lambda: json_text(inspection.pooled_json(pooled)), json
+        lambda: on_terminal(made(inspected)), lambda: json_text(inspection.inspection_json(inspected)), json
     )
 
 

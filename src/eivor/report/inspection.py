@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -44,11 +44,18 @@ class ChannelSummary:
 
 
 @dataclass(frozen=True)
-class _Tried:
-    """What `identify` makes of logs, or why it cannot begin."""
+class Inspection:
+    """A log, and what `identify` makes of it, or why it cannot begin."""
 
     result: FlightEstimate | None
     obstacle: EivorError | None
+    motion: Motion[Any]
+    recording: Recording
+    channels: tuple[ChannelSummary, ...]
+    missing: tuple[str, ...]  # Channels without which nothing can be identified, and that the log lacks
+    advice: tuple[str, ...]
+    whole: tuple[str, Stretches] | None = None
+    tried: tuple[float, float] | None = None  # [s]
 
     @property
     def verdict(self) -> str:
@@ -59,19 +66,6 @@ class _Tried:
         if self.result is not None:
             return self.result.verdict.sentences
         return (str(self.obstacle),) if self.obstacle is not None else ()
-
-
-@dataclass(frozen=True)
-class Inspection(_Tried):
-    """A log, and what can be made of it."""
-
-    motion: Motion[Any]
-    recording: Recording
-    channels: tuple[ChannelSummary, ...]
-    missing: tuple[str, ...]  # Channels without which nothing can be identified, and that the log lacks
-    advice: tuple[str, ...]
-    whole: tuple[str, Stretches] | None = None
-    tried: tuple[float, float] | None = None  # [s]
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -104,33 +98,6 @@ class Inspection(_Tried):
     def parameters(self) -> dict[str, float]:
         logged = self.recording.parameters
         return {name: logged[name] for name in self.motion.channels.parameters if name in logged}
-
-
-@dataclass(frozen=True)
-class PooledInspection(_Tried):
-    """Several logs, each by itself, and what can be made of them together."""
-
-    logs: tuple[Inspection, ...]
-
-
-def pooled_inspection(
-    recordings: Sequence[Recording],
-    options: FlightOptions,
-    windows: Sequence[tuple[float, float] | None],
-    motion: Motion[Any],
-) -> PooledInspection:
-    """Inspect logs, each by itself and all together; never raises for what they lack."""
-    logs = tuple(
-        inspection(recording, options if window is None else replace(options, window=window), motion)
-        for recording, window in zip(recordings, windows, strict=True)
-    )
-    if len(logs) == 1:
-        return PooledInspection(logs[0].result, logs[0].obstacle, logs)
-    parts = [log.tried or window for log, window in zip(logs, windows, strict=True)]
-    try:
-        return PooledInspection(identify_flight(recordings, options, windows=parts, model=motion), None, logs)
-    except EivorError as error:
-        return PooledInspection(None, error, logs)
 
 
 def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]) -> Inspection:
@@ -170,7 +137,8 @@ def _summary(channel: Channel) -> ChannelSummary:
     return ChannelSummary(channel, *ends, gaps)
 
 
-def _json(inspection: Inspection) -> dict[str, Json]:
+def inspection_json(inspection: Inspection) -> dict[str, Json]:
+    """Document of a log, ready for `json_text`."""
     log, flight, airborne = inspection.recording, inspection.flight, None
     if flight is not None:
         rule, active = inspection.active(flight)
@@ -212,32 +180,14 @@ def _json(inspection: Inspection) -> dict[str, Json]:
     )
 
 
-def pooled_json(pooled: PooledInspection) -> dict[str, Json]:
-    """Document of a log, or of several, ready for `json_text`."""
-    if len(pooled.logs) == 1:
-        return _json(pooled.logs[0])
-    return document(
-        "eivor.inspect_pool/1",
-        logs=[_json(log) for log in pooled.logs],
-        findings=[] if pooled.result is None else pooled.result.findings,
-        verdict=pooled.verdict,
-        reasons=pooled.reasons,
-    )
-
-
 #: So many gaps or stretches are listed one by one.
 LISTED = 6
 
 
-def pooled_documents(result: PooledInspection) -> Iterator[doc.Document]:
-    """A document of each log, and one of several together; the last has the flight card, if there is one."""
-    card = () if result.result is None else tuple(card_section(flight_steps(result.result)))
-    several = len(result.logs) > 1
-    for log in result.logs:
-        yield _document(log, (*_sections(log), *(() if several else card)))
-    if several:
-        verdict = _verdict_section(result, of=f" of the {len(result.logs)} logs together")
-        yield doc.Document("", "", (verdict, *card))
+def inspection_document(result: Inspection) -> doc.Document:
+    """What a log holds and would say, with the flight card, if there is one."""
+    card = () if result.result is None else card_section(flight_steps(result.result))
+    return _document(result, (*_sections(result), *card))
 
 
 def _document(inspected: Inspection, sections: tuple[doc.Section, ...]) -> doc.Document:
@@ -247,14 +197,13 @@ def _document(inspected: Inspection, sections: tuple[doc.Section, ...]) -> doc.D
     return doc.Document(log.name, about, sections)
 
 
-def calibration_documents(result: PooledInspection) -> Iterator[doc.Document]:
-    """What kinematics says of the sensors of each log."""
+def calibration_document(result: Inspection) -> doc.Document:
+    """What kinematics says of the sensors of a log."""
     sentence = "Sensors cannot be compared: attitude and body rates, at 20 Hz or more, are not logged."
     heads = ("by kinematics alone", doc.TableColumn("value", right=True), "95 % interval", "unit")
-    for log in result.logs:
-        rows = [(row.what, *_numbers(row), row.unit) for row in log.compatibility]
-        part = doc.table(heads, rows) if rows else doc.Bullets((sentence,))
-        yield _document(log, (doc.Section("Calibration", (part,)),))
+    rows = [(row.what, *_numbers(row), row.unit) for row in result.compatibility]
+    part = doc.table(heads, rows) if rows else doc.Bullets((sentence,))
+    return _document(result, (doc.Section("Calibration", (part,)),))
 
 
 def _numbers(row: Calibration) -> tuple[str, str]:
@@ -363,7 +312,7 @@ def _absent(result: Inspection) -> Iterator[doc.Section]:
     yield from doc.section("How to log it", doc.Bullets, result.advice)
 
 
-def _verdict_section(result: Inspection | PooledInspection, of: str = "", *record: str) -> doc.Section:
+def _verdict_section(result: Inspection, of: str = "", *record: str) -> doc.Section:
     heading = f"What identify says{of} (found by running it)"
     if result.result is None:
         statement = doc.Statement("nothing: it cannot begin", doc.Look.MISSING)
