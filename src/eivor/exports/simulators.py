@@ -36,12 +36,6 @@ def _described(
     return made, vehicle.first(made.values), vehicle.first(vehicle.rotors_of(made, gravity)), comments
 
 
-DRONE_MODELS_REMARKS = (
-    "dynamics is the whole vehicle. vehicle alone drags in the centre of mass, has no quadratic drag and no "
-    "torque against turning, and drone-models turns its gyroscopic torque about x the wrong way.",
-)
-
-
 def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
     """Parameters, and the dynamics with what the parameters cannot hold as a disturbance."""
     made, value, rotor, comments = _described(fitted, supplied, "drone-models", GRAVITY, vehicle.BODY)
@@ -63,7 +57,6 @@ def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
         "drag_matrix": np.diag([0.0 - value.get(name, 0.0) for name in vehicle.DRAGS]).tolist(),
         "prop_inertia": value.get("rotor_inertia", 0.0),
     }
-    comments = (*comments, *DRONE_MODELS_REMARKS)
     return vehicle.filled(
         "drone-models.txt", made, hash_comments(comments), rows=rows, c=asdict(vehicle.coefficients(made))
     )
@@ -71,11 +64,7 @@ def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
 
 #: A rotor's share of the mass.
 ROTOR_SHARE = 0.005
-GAZEBO_REMARKS = (
-    "Where one lag is identified, it stands for speeding up and for slowing down.",
-    "Of the mass each rotor has half a percent; body and rotors together have mass and inertia as above.",
-)
-#: Of PX4 with Gazebo, whose outputs are rotor speeds.
+#: Of PX4 with Gazebo, whose outputs are rotor speeds; as in `gazebo.sdf`.
 OUTPUTS = "PX4 flies it with SIM_GZ_EC_MIN1, ... of 0 and SIM_GZ_EC_MAX1, ... of {:.0f} rad/s."
 #: What joints are slower than rotors; the inertia of a rotor is larger by as much.
 SLOWDOWN = 10.0
@@ -100,7 +89,7 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     return vehicle.filled(
         "gazebo.sdf",
         made,
-        xml_comments((*comments, *GAZEBO_REMARKS, OUTPUTS.format(rotor["largest_speed"]))),
+        xml_comments(comments),
         motor=_motor(value, rotor),
         rest=rest,
         each=each,
@@ -150,17 +139,6 @@ def _of_point(point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
 
 #: Quantiles that the ranges reach to.
 ISAAC_LAB_QUANTILES = (0.025, 0.975)
-ISAAC_LAB_REMARKS = (
-    "events are the parameters of a term of events beside its asset_cfg; thruster is what a ThrusterCfg "
-    "takes beside dt and thruster_names_expr, with the lag as it is. The approximation that it has by itself "
-    "would make the lag longer by dt.",
-    "events and thruster are ranges of 95 % of the draws, for terms that draw each number by itself: they "
-    "hold vehicles that the flight excludes. draws are the joint ones: set them where you can.",
-    "Drag is over mass, as linear_damping has it: of motion along z. com_range is added to the asset's own "
-    "centre of mass, and its inertia goes with the mass unless recompute_inertia is False.",
-)
-
-
 #: Isaac Lab's Thruster takes no thrust_const below it, until an environment is reset [N/rps^2].
 ISAAC_LAB_LEAST_THRUST = 1e-6
 ISAAC_LAB_CLAMPS = "Isaac Lab begins with a thrust_const of at least 1e-6, above this vehicle's: reset first."
@@ -189,7 +167,7 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
     return vehicle.filled(
         "isaaclab.txt",
         made,
-        hash_comments((vehicle.JOINT, *comments, *ISAAC_LAB_REMARKS)),
+        hash_comments((vehicle.JOINT, *comments)),
         columns=columns,
         ranges={
             name: tuple(np.quantile(column, ISAAC_LAB_QUANTILES).tolist()) for name, column in columns.items()
@@ -280,20 +258,13 @@ def _mujoco_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int)
     return Exported(json.dumps(document) + "\n", made.omitted, made.lost)
 
 
-PYBULLET_REMARKS = (
-    "Commands and speeds are of the rotors as the vehicle's file numbers them, in rad/s. In a loop: "
-    "vehicle = Vehicle(); vehicle.apply(commands, step_s); pybullet.stepSimulation().",
-    "In gym-pybullet-drones call apply in place of what _physics does, with Vehicle(client, body=number).",
-)
-
-
 def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
     """A class that applies the forces, which PyBullet itself has none of."""
     made, value, rotor, comments = _described(fitted, supplied, "PyBullet", PYBULLET_GRAVITY, vehicle.BODY)
     return vehicle.filled(
         "pybullet.txt",
         made,
-        hash_comments((*comments, *PYBULLET_REMARKS)),
+        hash_comments(comments),
         c=asdict(vehicle.coefficients(made)) | {"thrust_quadratic": rotor["thrust_constant"]},
         hover=vehicle.manoeuvre(made, 0.0)[0].tolist(),
         most=rotor["largest_speed"] if math.isfinite(rotor["largest_speed"]) else None,
@@ -302,11 +273,6 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
 
 
 URDF = "gym-pybullet-drones"
-URDF_REMARKS = (
-    "Ground effect, downwash and largest speed are not of the flight: none, none, and 30 km/h.",
-    "Plain pybullet takes the inertia with flags=pybullet.URDF_USE_INERTIA_FROM_FILE. The file of --to "
-    "pybullet holds all that is not in this one.",
-)
 
 
 def _urdf(fitted: Fitted, supplied: Supplied) -> Exported:
@@ -332,7 +298,7 @@ def _urdf(fitted: Fitted, supplied: Supplied) -> Exported:
     return vehicle.filled(
         "gym.urdf",
         made,
-        xml_comments((*comments, *URDF_REMARKS)),
+        xml_comments(comments),
         properties=properties,
         size=size,
         positions=[(arm * forward * x, arm * sideways * y) for x, y in vehicle.QUARTERS],
