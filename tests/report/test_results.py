@@ -285,8 +285,8 @@ def test_json_holds_what_the_page_says(found):
     compared = [item["quantity"] for item in document["comparisons"]]
     assert compared == ["viscous_friction", "input_gain", "effective_lag"]
     first = document["predictions"][0]
-    assert set(first) == {"model", "horizon", "quantity", "unit", "rms", "explained", "by_run"}
-    assert len(first["by_run"]) == len(document["runs"]) == 2
+    assert set(first) == {"model", "horizon", "quantity", "unit", "rms", "explained"}
+    assert len(document["runs"]) == 2
     page = (DOCS / "json.md").read_text(encoding="utf-8")
     keys = (*document, *first, *document["fit"], *document["comparisons"][0])
     assert all(f"`{key}`" in page for key in keys)
@@ -299,7 +299,6 @@ def test_text_and_tables_tell_the_same(found, fit, tmp_path, command_line):
     gap.write_csv(tmp_path / "flight.csv")
     run = command_line("validate", tmp_path / "fit.json", tmp_path / "flight.csv", "--window", "0:30")
     assert run.code == 0
-    assert "Of the fit, run by run" in run.out
     rms = f"{found.predictions[0].error.rms:.3g}"
     assert rms in found._repr_html_()
     assert "Validation of" in repr(found)

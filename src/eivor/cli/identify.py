@@ -165,7 +165,7 @@ VALIDATE_EXIT_CODES = (
     "printed all the same). Predictions are in open loop; of turning and of the rigid body they are half a "
     "second ahead.\n\n"
     "[bold]JSON[/bold] (schema eivor.validate/1): for each model and quantity the RMS error and the share "
-    "explained, over all runs and in each; quantities of fit and flight with p-values. Of turning and of "
+    "explained, over all runs; quantities of fit and flight with p-values. Of turning and of "
     "the rigid body the RMS error after .1 to .5 s."
 )
 

@@ -117,7 +117,6 @@ class ModelPrediction:
     measured: Float[np.ndarray, " samples"] = field(repr=False)
     predicted: Float[np.ndarray, " samples"] = field(repr=False)
     error: PredictionError  # Over all runs
-    by_run: tuple[PredictionError, ...]
 
 
 @dataclass(frozen=True)
@@ -263,7 +262,7 @@ def validate(
     Returns
     -------
     Validation
-        Errors of each prediction, over all runs and in each.
+        Errors of each prediction, over all runs.
 
     Raises
     ------
@@ -376,10 +375,8 @@ def _of_model(name: str, words: str, record: PredictedQuantity, flight: Prepared
         measured, predicted = np.concatenate([item.band_passed(both[run]) for item, run in spectral]).T
     centred = np.concatenate([measured[run] - measured[run].mean() for run in runs])
     left = measured - predicted
-    errors = _error(left, centred), tuple(_error(left[run], centred[run]) for run in runs)
-    return ModelPrediction(
-        name, words, record.horizon, record.quantity, record.unit, measured, predicted, *errors
-    )
+    of = name, words, record.horizon, record.quantity, record.unit
+    return ModelPrediction(*of, measured, predicted, _error(left, centred))
 
 
 def _runs(flight: PreparedFlight) -> list[slice]:
@@ -423,7 +420,6 @@ def _validation_json(validation: Validation) -> dict[str, Json]:
         predictions=[
             {name: getattr(item, name) for name in ("model", "horizon", "quantity", "unit")}
             | asdict(item.error)
-            | {"by_run": item.by_run}
             for item in validation.predictions
         ],
         ahead=prediction_json(validation.multi_step_prediction),
@@ -445,8 +441,6 @@ def validation_document(validation: Validation) -> Document:
     sections = [Section("", (_validation_facts(validation), *parts))]
     if validation.comparisons:
         sections.append(Section("This flight by itself", (_comparison_table(validation.comparisons),)))
-    if steps is None and len(validation.spans_s) > 1:
-        sections.append(Section("Of the fit, run by run", (_by_run(validation),)))
     sections.append(Section("Figure", (DocumentFigure("validation"),)))
     return Document(validation.flight.recording.name, validation.sentence, tuple(sections))
 
@@ -488,19 +482,6 @@ def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> TableOf:
         p_value = f"{item.p_value:.2g}{': contradicts' if item.contradicts else ''}"
         unit = wording.shown_unit or wording.unit
         rows.append((wording.words, *item.fit.texts, *item.flight.texts, unit, p_value))
-    return table(columns, rows)
-
-
-def _by_run(validation: Validation) -> TableOf:
-    selected = [quantity[0] for quantity in validation.by_quantity]
-    columns = [TableColumn("run [s]", whole=True)]
-    for item in selected:
-        title = f"{item.quantity}: RMS error [{item.unit}]"
-        columns += [TableColumn(title, right=True, strong=True), TableColumn("explained", right=True)]
-    rows = []
-    for index, (start, end) in enumerate(validation.spans_s):
-        texts = (text for item in selected for text in item.by_run[index].texts)
-        rows.append((f"{start:.1f} to {end:.1f}", *texts))
     return table(columns, rows)
 
 
