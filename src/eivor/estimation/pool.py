@@ -409,14 +409,15 @@ def pooled(
 
     def weighted(values: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> Criterion:
         shared, members = np.median(theta, axis=0), []
-        for problem, here, parameters in zip(problems, values, theta, strict=True):
+        for problem, here, parameters, estimate in zip(problems, values, theta, estimates, strict=True):
             centre = shared.copy()
             centre[specific] = parameters[specific]
             # products of a flight, whitened by its residual at some values
             weights = whitened_by_residuals(problem, parameters, {**here, **nodes.fixed})
             made = (products_at(weights.rows(point), centre) for point in nodes.points)
             equations, power = (np.stack(parts) for parts in zip(*made, strict=True))
-            members.append(PoolMember(problem, weights, centre, equations, power, weights.basis.shape[0]))
+            count = weights.basis.shape[0] * estimate.rows.layout.independent
+            members.append(PoolMember(problem, weights, centre, equations, power, count))
         return Criterion(tuple(members), tuple(specific), nodes, known_priors(nodes))
 
     first = weighted([item.nuisances for item in estimates], [item.theta for item in estimates])

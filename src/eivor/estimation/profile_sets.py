@@ -38,7 +38,7 @@ class PoolMember:
     centre: Float[np.ndarray, " n"]  # Linear parameters at which the response is taken
     equations: Float[np.ndarray, "T q n_plus_1"]  # Q' of residual and regressors, at each node
     power: Float[np.ndarray, "T n_plus_1 n_plus_1"]  # Their products with each other
-    rows: int
+    rows: float  # As many independent ones
 
     def recentred(self, centre: Float[np.ndarray, " n"]) -> PoolMember:
         """The same products with the response taken elsewhere."""
@@ -106,8 +106,8 @@ class Criterion:
         return len(self.members) * len(self.flight_specific) + len(self.shared) + len(self.nodes.axes)
 
     @property
-    def rows(self) -> int:
-        """Rows of all flights."""
+    def rows(self) -> float:
+        """Independent rows of all flights."""
         return sum(member.rows for member in self.members)
 
     @property
@@ -534,9 +534,8 @@ class ProfileSets:
         change[regressors, np.arange(1, regressors.size + 1)] = 1.0
         equations = instruments.T @ sum(E for _, E, _ in parts) @ change
         power = change.T @ sum(P for *_, P in parts) @ change
-        member = PoolMember(
-            self.problem, self._weights, theta[regressors], equations, power, int(np.count_nonzero(rows))
-        )
+        count = np.count_nonzero(rows) * self.estimate.rows.layout.independent
+        member = PoolMember(self.problem, self._weights, theta[regressors], equations, power, count)
         return Criterion((member,), (), self.nodes, known_priors(self.nodes), self.estimate.nuisances)
 
 

@@ -122,6 +122,11 @@ class RowLayout(ABC):
     flight_of_row: Int[np.ndarray, " rows"]  # Number of the flight that each row belongs to
     axis_of_row: Int[np.ndarray, " rows"]  # Number of the axis of motion that each row is an equation of
 
+    @property
+    def independent(self) -> float:
+        """Share of as many independent rows: less where spectra lack samples."""
+        return 1.0
+
     @abstractmethod
     def scores(self, test: Float[np.ndarray, "rows n"], residual: PerRow) -> Float[np.ndarray, "samples n"]:
         """Products of test functions and residual by sample; their sum is ``test.T @ residual``."""

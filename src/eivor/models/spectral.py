@@ -58,13 +58,27 @@ class SpectralRun:
     @cached_property
     def taper(self) -> Float[np.ndarray, " length"]:
         """Cosine taper of both ends, and of both sides of samples that do not count."""
+        window = self._taper_of_ends
+        if self.counted is not None:
+            window = window * _taper(self.counted, max(round(TAPER_S / self.step_s), 1))
+        return window
+
+    @property
+    def _taper_of_ends(self) -> Float[np.ndarray, " length"]:
         edge = max(int(TAPER_SHARE * self.length), 1)
         window = np.ones(self.length)
         window[:edge] = 0.5 * (1.0 - np.cos(np.pi * (np.arange(edge) + 0.5) / edge))
         window[-edge:] = window[:edge][::-1]
-        if self.counted is not None:
-            window *= _taper(self.counted, max(round(TAPER_S / self.step_s), 1))
         return window
+
+    @cached_property
+    def independent(self) -> float:
+        """Bins whose errors are as many independent ones, as a share: gaps let neighbours go together."""
+        if self.counted is None:
+            return 1.0
+        # a sum of products has the power of w^4 where bins by themselves have that of w^2
+        shares = [np.mean(w**2) ** 2 / np.mean(w**4) for w in (self.taper, self._taper_of_ends)]
+        return float(shares[0] / shares[1])
 
     def spectrum(self, values: Float[np.ndarray, "length columns"]) -> Complex[np.ndarray, "bins columns"]:
         """Unitary real FFT of the tapered columns without mean and line, on the bins kept."""
@@ -173,6 +187,13 @@ class BinRows(RowLayout):
         counts = np.array([2 * run.count for run in self.runs], dtype=np.int64)
         object.__setattr__(self, "flight_of_row", np.repeat([run.flight for run in self.runs], counts))
         object.__setattr__(self, "axis_of_row", np.repeat([run.axis for run in self.runs], counts))
+
+    @cached_property
+    def independent(self) -> float:
+        counts = [run.count for run in self.runs]
+        return (
+            float(np.average([run.independent for run in self.runs], weights=counts)) if sum(counts) else 1.0
+        )
 
     @cached_property
     def ends(self) -> Int[np.ndarray, " _"]:

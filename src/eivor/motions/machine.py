@@ -690,7 +690,8 @@ def _answers(problem: LaggedRuns, estimate: Estimate, flights: Flights, name: st
     X, Q = rows(np.column_stack([bins.regressors, *slopes])), _range(instruments)
     added = added - np.linalg.pinv(Q @ (Q.T @ X)).T @ (X.T @ added)
     directions, residual = _range(added, 1e-3), rows(left[:, None])
-    statistic = residual.shape[0] * float(((directions.T @ residual) ** 2).sum())
+    count = residual.shape[0] * bins.layout.independent
+    statistic = count * float(((directions.T @ residual) ** 2).sum())
     return chi_square_tail(statistic, directions.shape[1])
 
 
