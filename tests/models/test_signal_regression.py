@@ -727,3 +727,14 @@ CALLS = calls("call", None,
 
 
 test_refused = table(LAGS, SHORT_RECORDS, GIVEN, LAYOUTS, NO_PROBLEM, RESPONSES, CALLS)
+
+
+def test_bins_of_a_run_with_gaps_are_fewer_independent_ones():
+    rng, counted = np.random.default_rng(1), np.arange(6000) // 60 % 2 > 0
+    run = SpectralRun(0, 6000, 0.01, (0.1, 20.0), counted=counted)
+    pairs = rng.normal(size=(600, 2, 6000))
+    spectra = [run.spectrum(pair.T) for pair in pairs]
+    products = np.array([(z.conj() * e).real.sum() / np.linalg.norm(z) for z, e in (s.T for s in spectra)])
+    each = np.mean([np.mean(np.abs(s[:, 1]) ** 2) for s in spectra]) / 2.0
+    assert each / products.var() == pytest.approx(run.independent, rel=0.15)
+    assert run.independent < 0.6

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import runpy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -361,6 +362,13 @@ def test_a_heading_that_guidance_computes_from_the_track_is_no_reference(declare
     reasons = ev.identify_flight(log, model=boat).verdict.reasons
     words = "a position loop computes" if declared else "predicts its reference (reference_heading"
     assert [words in item.sentence for item in reasons if item.status is Status.PROVISIONAL] == [True]
+
+
+def test_standstill_by_the_measured_speed_is_weak_above_a_third():
+    rule = next(item for item in ev.load_machine("rover").rules if item.status is Status.WEAK)
+    for moving, weak in ((6, True), (8, False)):
+        flight = SimpleNamespace(active=SimpleNamespace(counted=np.arange(10) < moving))
+        assert rule.when(SimpleNamespace(flights=(flight,))) is weak
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

@@ -66,8 +66,8 @@ TIME_CONSTANTS_S = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0)
 TO_SPARE = 2
 #: A machine stands still below this share of its usual speed, or so many times the noise of that.
 STANDSTILL_SHARE, STANDSTILL_NOISES = 0.02, 3.0
-#: Less than this share of a log in use is refused.
-LEAST_ACTIVE = 0.2
+#: Less than this share of a log in use is refused; of the default rule, less than that is weak.
+LEAST_ACTIVE, CLEARLY_ACTIVE = 0.2, 0.7
 #: Steps of grids are within these [s]: those of the fastest channel.
 STEPS_S = (0.005, 0.1)
 #: The band of rows ends at this share of the rate of the slowest channel, and begins and ends here [Hz].
@@ -542,6 +542,8 @@ class Machine(DeclaredMotion):
         moving = [term.name for term in self.terms if not term.is_intercept]
         stages = (*moving, *(LAGS if self.has_lag else ()))
         rows = [_active_rule(self.activity), ANSWERING]
+        if not self.activity.when:
+            rows.append(STANDSTILL)
         if self.has_lag:
             check = "Check that the command is that of this machine, or declare a longer one."
             rows += verdict.flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG)
@@ -624,6 +626,18 @@ def _active_rule(activity: Activity) -> verdict.Rule:
         ),
         "Move it for longer, cut the log with --window, or declare another [active].",
     )
+
+
+STANDSTILL = verdict.Rule(
+    (),
+    lambda inputs: _active_share(inputs.flights) < CLEARLY_ACTIVE,
+    Status.WEAK,
+    lambda inputs: (
+        f"Standstill is {1.0 - _active_share(inputs.flights):.0%} of the log. It is known by the measured "
+        "speed, which disturbances move too: what is left favours some of them."
+    ),
+    'Keep it moving, or declare [active] by a reference: when = "abs(ddt(reference)) > 0.1".',
+)
 
 
 @dataclass(frozen=True, slots=True)
