@@ -208,10 +208,12 @@ class SignalRegression(LinearProblem):
 
     @cached_property
     def _rows(self) -> Regression:
-        Phi = np.column_stack([self.column(column) for column in self.regressor_columns])
-        instruments = (self.column(column) for column in self.instrument_columns)
-        Psi = np.column_stack([np.empty((Phi.shape[0], 0)), *instruments])
         response, noise = self.column(self.equation.response), self.declared_noise()
+        stretch = self.first, self.signals.sample_count
+        Phi, Psi = (
+            self.columns_between(columns, *stretch)
+            for columns in (self.regressor_columns, self.instrument_columns)
+        )
         return Regression(response, Phi, Psi, self.parameters, regressor_noise=noise)
 
     def rows(self) -> Regression:

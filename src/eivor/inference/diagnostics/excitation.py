@@ -26,7 +26,7 @@ ORDINATES = 6
 NEAREST = 2
 #: Fewest blocks.
 LEAST_BLOCKS = 32
-#: Frequencies whose waves are those of one of them, turned.
+#: Frequencies whose waves are those of the first of them, turned.
 TURNED = 16
 
 
@@ -167,14 +167,16 @@ def strongest_swings(
     """Strongest line of each series; none for fewer than 32 blocks. Performs no checks."""
     if of.times.size < LEAST_BLOCKS:
         return ()
-    # up to the ordinates around the highest frequency; of a block of them the first is turned for the others
+    # up to the ordinates around the highest frequency; waves are powers of the first, and of one further on
     cycles = STEPS * of.span / of.block
     last = min(int(0.5 * cycles), int(cycles / BLOCKS_PER_CYCLE) + STEPS * (NEAREST + ORDINATES))
     number = np.arange(STEPS // 2, last + 1)
     frequency, turn = number / (STEPS * of.span), -2j * np.pi * (of.times - of.times[0]) / (STEPS * of.span)
-    firsts, others = (np.exp(np.outer(item, turn)) for item in (number[::TURNED], np.arange(TURNED)))
-    turned = others.T[:, :, None] * (of.sums - of.sums.mean(axis=0))[:, None]
-    spectrum = np.tensordot(firsts, turned, 1).reshape(-1, of.sums.shape[1])[: number.size]
+    first, step, further = np.exp(np.outer([STEPS // 2, 1, TURNED], turn))
+    series = first[:, None] * (of.sums - of.sums.mean(axis=0))
+    turned = np.vander(step, TURNED, increasing=True)[:, :, None] * series[:, None]
+    waves = np.vander(further, -(-number.size // TURNED), increasing=True).T
+    spectrum = np.tensordot(waves, turned, 1).reshape(-1, of.sums.shape[1])[: number.size]
     power = np.abs(spectrum) ** 2
     highest = 1.0 / (BLOCKS_PER_CYCLE * of.block)
     indices = np.flatnonzero((frequency >= (LEAST_CYCLES - 1e-9) / of.span) & (frequency <= highest))
@@ -317,7 +319,8 @@ def band_power(
     if length % 2 == 0:
         power[:, -1] *= 0.5
     power[:-1] *= np.square(np.asarray(factors, dtype=np.float64))[:, None]
-    edges = np.unique(np.round((bins + 1.0) ** (np.arange(BANDS + 1) / BANDS)).astype(np.int64)) - 1
+    ends = np.round((bins + 1.0) ** (np.arange(BANDS + 1) / BANDS)).astype(np.int64) - 1
+    edges = np.array(list(dict.fromkeys(ends.tolist())))
     banded = np.add.reduceat(power, edges[:-1], axis=1).T
     above = np.where(banded[:, :-1] > banded[:, -1:], banded[:, :-1], 0.0).sum(axis=0)
     total = banded[:, :-1].sum(axis=0)

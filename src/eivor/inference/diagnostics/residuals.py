@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -87,11 +87,12 @@ class Constancy(Diagnostic):
 def constancy(influence: Float[np.ndarray, "K n"]) -> Constancy:
     """Test of a change of the parameters, from what each block adds to them. Performs no checks."""
     groups = influence.reshape(GROUPS, -1, influence.shape[1]).sum(axis=1)
-    unknowns, sides = groups.shape[1], _sides(groups)
-    each = [_wald_path(sides[:, :, [j]]) for j in range(unknowns)]
+    unknowns, (difference, S) = groups.shape[1], _sides(groups)
+    variances = np.diagonal(S, axis1=1, axis2=2)
+    each = np.divide(difference**2, variances, out=np.zeros(difference.shape), where=variances > 0.0).T
     p_values = np.array([p_value(float(path.max()), 1) for path in each])
     if unknowns in QUANTILES:
-        path = _wald_path(sides)
+        path = _wald_path(difference, S)
         joint = p_value(float(path.max()), unknowns)
     else:  # too many for one covariance on twelve averages: the strongest of them, by Bonferroni's bound
         path = each[int(np.argmin(p_values))]
@@ -103,22 +104,26 @@ def constancy(influence: Float[np.ndarray, "K n"]) -> Constancy:
 
 def wald_path(groups: Float[np.ndarray, "64 n"]) -> Float[np.ndarray, " breaks"]:
     """Wald statistic, as an F, for a change after each group from the tenth on. Performs no checks."""
-    return _wald_path(_sides(groups))
+    return _wald_path(*_sides(groups))
 
 
-def _sides(groups: Float[np.ndarray, "64 n"]) -> Float[np.ndarray, "breaks rows n"]:
+def _sides(
+    groups: Float[np.ndarray, "64 n"],
+) -> tuple[Float[np.ndarray, "breaks n"], Float[np.ndarray, "breaks n n"]]:
+    """Difference of both sides of each break, in units of its error but for the groups', and that covariance."""
     scale = groups.std(axis=0)
-    return np.tensordot(_transforms(), groups / np.where(scale > 0.0, scale, 1.0), axes=1)
+    sides = np.tensordot(_transforms(), groups / np.where(scale > 0.0, scale, 1.0), axes=1)
+    return sides[:, 0], np.einsum("kbi,kbj->kij", sides[:, 1:], sides[:, 1:])
 
 
-def _wald_path(sides: Float[np.ndarray, "breaks rows n"]) -> Float[np.ndarray, " breaks"]:
-    difference, L = sides[:, 0], sides[:, 1:]
-    S = np.einsum("kbi,kbj->kij", L, L)
+def _wald_path(
+    difference: Float[np.ndarray, "breaks n"], S: Float[np.ndarray, "breaks n n"]
+) -> Float[np.ndarray, " breaks"]:
     try:
         W = np.einsum("ki,ki->k", difference, np.linalg.solve(S, difference[:, :, None])[:, :, 0])
     except np.linalg.LinAlgError:
         return np.zeros(difference.shape[0])
-    n, averages = sides.shape[2], 2 * SIDE_AVERAGES
+    n, averages = difference.shape[1], 2 * SIDE_AVERAGES
     return W * (averages - n + 1) / (averages * n)
 
 
@@ -156,11 +161,11 @@ class SegmentLeverage(Diagnostic):
     in_std_errors: Float[np.ndarray, "S n"]  # The same over the standard errors of the estimate
     segments: tuple[tuple[int, int], ...]  # First row and end of each stretch
 
-    @property
+    @cached_property
     def most(self) -> Int[np.ndarray, " n"]:
         return np.argmax(np.nan_to_num(np.abs(self.in_std_errors), nan=-1.0), axis=0)
 
-    @property
+    @cached_property
     def largest(self) -> Float[np.ndarray, " n"]:
         """By how much it does, in standard errors, with its sign."""
         return self.in_std_errors[self.most, np.arange(self.shift.shape[1])]
