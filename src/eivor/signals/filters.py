@@ -15,6 +15,8 @@ Rotors = Float[np.ndarray, "n rotors"]
 Columns = Float[np.ndarray, "n columns"]
 
 
+#: Samples of a record that a filter is at at a time: so few stay in a cache.
+PART = 8_192
 #: Passes of a search for the side from which states approach commands: it ends at the exact one before.
 MOST_PASSES = 20
 
@@ -47,15 +49,22 @@ def actuator_state(
     decay = np.exp(-step_s / lag_s)
     tail = np.exp(-(1.0 - fraction) * step_s / lag_s)
     start = command[0]
-    moved = command - start
-    driven = np.zeros(command.shape, order="F")
-    driven[whole + 1 :] = (1.0 - tail) * moved[: -whole - 1]
-    if tail != decay:
-        driven[whole + 2 :] += (tail - decay) * moved[: -whole - 2]
-    # w[k] = decay w[k-1] + driven[k] from rest, as the bidiagonal triangular system that it is
-    band = np.empty((2, command.shape[0]), order="F")
-    band[0], band[1] = 1.0, -decay
-    state: Rotors = scipy.linalg.lapack.dtbtrs(band, driven, uplo="L", diag="U", overwrite_b=True)[0]
+    state: Rotors = np.zeros(command.shape, order="F")
+    driven = state[whole + 1 :]
+    np.subtract(command[: -whole - 1], start, out=driven)
+    further = (tail - decay) * driven[:-1] if tail != decay else None
+    driven *= 1.0 - tail
+    if further is not None:
+        driven[1:] += further
+    # w[k] = decay w[k-1] + driven[k] from rest, as the bidiagonal triangular system that it is, in short parts
+    band = np.full((2, min(PART, state.shape[0])), -decay, order="F")
+    for first in range(0, state.shape[0], PART):
+        part = state[first : first + PART]
+        part[0] += decay * state[first - 1] if first else 0.0
+        made = scipy.linalg.lapack.dtbtrs(
+            band[:, : part.shape[0]], part, uplo="L", diag="U", overwrite_b=True
+        )
+        part[:] = made[0]
     state += start
     if asymmetry:
         lengths = np.array([fraction, 1.0 - fraction]) * step_s

@@ -51,7 +51,7 @@ class Power(InputMap):
         if self.exponent == 1.0:
             return state
         if self.exponent == 2.0:
-            return state * np.abs(state)
+            return np.multiply(size := np.abs(state), state, out=size)
         return np.asarray(np.sign(state) * np.abs(state) ** self.exponent)
 
     def inverse(self, mapped: float) -> float:

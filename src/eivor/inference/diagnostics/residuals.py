@@ -110,7 +110,7 @@ def wald_path(groups: Float[np.ndarray, "64 n"]) -> Float[np.ndarray, " breaks"]
 def _sides(
     groups: Float[np.ndarray, "64 n"],
 ) -> tuple[Float[np.ndarray, "breaks n"], Float[np.ndarray, "breaks n n"]]:
-    """Difference of both sides of each break, in units of its error but for the groups', and that covariance."""
+    """Difference of the means on both sides of each break, and its covariance, but for one unit of both."""
     scale = groups.std(axis=0)
     sides = np.tensordot(_transforms(), groups / np.where(scale > 0.0, scale, 1.0), axes=1)
     return sides[:, 0], np.einsum("kbi,kbj->kij", sides[:, 1:], sides[:, 1:])
