@@ -82,14 +82,12 @@ class SpectralRun:
 
     def spectrum(self, values: Float[np.ndarray, "length columns"]) -> Complex[np.ndarray, "bins columns"]:
         """Unitary real FFT of the tapered columns without mean and line, on the bins kept."""
-        # an equation of one axis of several has columns of zeros
-        tapered = np.multiply(values.T, self.taper, order="C")
         basis, of_basis = self._trend
-        spectra = np.zeros((len(tapered), self.count), dtype=np.complex128)
-        for spectrum, column in zip(spectra, tapered, strict=True):  # small arrays: new memory takes long
-            if column[self.length // 2] or column.any():
-                spectrum[:] = np.fft.rfft(column)[self.bins]
-        spectra -= (tapered @ basis) @ of_basis
+        spectra = np.zeros((values.shape[1], self.count), dtype=np.complex128)
+        for spectrum, column in zip(spectra, values.T, strict=True):  # small arrays: new memory takes long
+            if column[self.length // 2] or column.any():  # an equation of one axis of several has zeros
+                tapered = column * self.taper
+                np.subtract(np.fft.rfft(tapered)[self.bins], (tapered @ basis) @ of_basis, out=spectrum)
         spectra /= np.sqrt(self.length)
         return spectra.T
 
