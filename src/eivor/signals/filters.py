@@ -56,7 +56,7 @@ def actuator_state(
     driven *= 1.0 - tail
     if further is not None:
         driven[1:] += further
-    # w[k] = decay w[k-1] + driven[k] from rest, as the bidiagonal triangular system that it is, in short parts
+    # w[k] = decay w[k-1] + driven[k] from rest, a bidiagonal triangular system, in short parts
     band = np.full((2, min(PART, state.shape[0])), -decay, order="F")
     for first in range(0, state.shape[0], PART):
         part = state[first : first + PART]
