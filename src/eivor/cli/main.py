@@ -72,10 +72,9 @@ ENTRY_POINTS = "eivor.commands"
 
 @cache
 def _targets(*names: str) -> dict[str, str]:
-    """Where commands are; those of other packages are looked for where a name is none of Eivor's."""
     listed = {name: module and f"eivor.cli.{module}:{name}" for name, (_, module, _) in COMMANDS.items()}
-    known = names and all(map(listed.get, names))
-    added = {} if known else {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
+    points = () if names and all(map(listed.get, names)) else entry_points(group=ENTRY_POINTS)
+    added = {point.name: point.value for point in points}
     return {name: target.replace("-", "_") for name, target in (listed | added).items() if target}
 
 

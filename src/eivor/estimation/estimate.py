@@ -486,8 +486,7 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
     lengths = row_lengths(stacked)[:, None]  # as many equations as unknowns: coordinates without their units
     combinations, R = np.linalg.qr(stacked / lengths)
     root = (combinations * lengths).T @ stacked
-    combinations /= lengths
-    combinations, pseudo = combinations[: A.shape[0]], combinations[A.shape[0] :]
+    combinations, pseudo = (combinations / lengths)[: len(A)], (combinations / lengths)[len(A) :]
     if factor is not None:
         combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
     combined = constant @ combinations

@@ -307,8 +307,7 @@ class LaggedRuns(SeparableProblem):
         """The same with other instruments of each flight and axis."""
         pairs = zip(self.columns, instruments, strict=True)
         result = replace(self, columns=tuple(replace(item, instruments=made) for item, made in pairs))
-        made = {"_bin_layout": self._bin_layout, "_fixed_bins": self._fixed_bins, "_memo": self._memo}
-        vars(result).update(made)
+        vars(result).update(_bin_layout=self._bin_layout, _memo=self._memo, _fixed_bins=self._fixed_bins)
         return result
 
     def with_fixed(

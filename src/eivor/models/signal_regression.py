@@ -209,11 +209,8 @@ class SignalRegression(LinearProblem):
     @cached_property
     def _rows(self) -> Regression:
         response, noise = self.column(self.equation.response), self.declared_noise()
-        stretch = self.first, self.signals.sample_count
-        Phi, Psi = (
-            self.columns_between(columns, *stretch)
-            for columns in (self.regressor_columns, self.instrument_columns)
-        )
+        Phi = self.columns_between(self.regressor_columns, self.first, self.signals.sample_count)
+        Psi = self.columns_between(self.instrument_columns, self.first, self.signals.sample_count)
         return Regression(response, Phi, Psi, self.parameters, regressor_noise=noise)
 
     def rows(self) -> Regression:

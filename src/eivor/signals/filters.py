@@ -57,14 +57,11 @@ def actuator_state(
     if further is not None:
         driven[1:] += further
     # w[k] = decay w[k-1] + driven[k] from rest, a bidiagonal triangular system, in short parts
-    band = np.full((2, min(PART, state.shape[0])), -decay, order="F")
+    solve, band = scipy.linalg.lapack.dtbtrs, np.full((2, min(PART, state.shape[0])), -decay, order="F")
     for first in range(0, state.shape[0], PART):
         part = state[first : first + PART]
         part[0] += decay * state[first - 1] if first else 0.0
-        made = scipy.linalg.lapack.dtbtrs(
-            band[:, : part.shape[0]], part, uplo="L", diag="U", overwrite_b=True
-        )
-        part[:] = made[0]
+        part[:] = solve(band[:, : part.shape[0]], part, uplo="L", diag="U", overwrite_b=True)[0]
     state += start
     if asymmetry:
         lengths = np.array([fraction, 1.0 - fraction]) * step_s

@@ -395,8 +395,7 @@ def _root(log_power: Float[np.ndarray, " m"], nu: Float[np.ndarray, " m"]) -> fl
         slope = float(weights @ nu)
         low, high = (order, high) if slope > 0.0 else (low, order)
         following = order + 0.5 * slope / max(float(weights @ nu**2) - slope**2, np.finfo(np.float64).tiny)
-        if not low < following < high:
-            following = 0.5 * (low + high)
+        following = following if low < following < high else 0.5 * (low + high)
         if abs(following - order) <= CONVERGED:
             break
         order = following

@@ -319,8 +319,7 @@ def band_power(
     if length % 2 == 0:
         power[:, -1] *= 0.5
     power[:-1] *= np.square(np.asarray(factors, dtype=np.float64))[:, None]
-    ends = np.round((bins + 1.0) ** (np.arange(BANDS + 1) / BANDS)).astype(np.int64) - 1
-    edges = np.array(list(dict.fromkeys(ends.tolist())))
+    edges = np.unique(np.round((bins + 1.0) ** (np.arange(BANDS + 1) / BANDS)).astype(np.int64)) - 1
     banded = np.add.reduceat(power, edges[:-1], axis=1).T
     above = np.where(banded[:, :-1] > banded[:, -1:], banded[:, :-1], 0.0).sum(axis=0)
     total = banded[:, :-1].sum(axis=0)

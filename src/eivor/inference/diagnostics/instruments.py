@@ -269,11 +269,10 @@ def strength(
     explained = ((a @ directions.T) ** 2).sum(axis=0)
     total, unexplained = (((directions @ item) * directions).sum(axis=1) for item in (R, residual))
     tested = unexplained > UNEXPLAINED
-    white, partial = np.full(count, np.inf), np.ones(count)
+    white, partial, effective, critical = (np.full(count, x) for x in (np.inf, 1.0, np.inf, np.nan))
     freedom = (rank - count + 1) / max(products.rows - rank, 1.0)
     np.divide(explained, freedom * unexplained, out=white, where=tested)
     np.divide(explained, total, out=partial, where=tested)
-    effective, critical = np.full(count, np.inf), np.full(count, np.nan)
     for j in np.flatnonzero(tested).tolist():
         free = (L @ directions[j]) @ _complement(np.delete(a, j, axis=1))
         trace = float(np.sum(free**2))

@@ -107,18 +107,14 @@ def wald_path(groups: Float[np.ndarray, "64 n"]) -> Float[np.ndarray, " breaks"]
     return _wald_path(*_sides(groups))
 
 
-def _sides(
-    groups: Float[np.ndarray, "64 n"],
-) -> tuple[Float[np.ndarray, "breaks n"], Float[np.ndarray, "breaks n n"]]:
+def _sides(groups: Float[np.ndarray, "64 n"]) -> tuple[np.ndarray, np.ndarray]:
     """Difference of the means on both sides of each break, and its covariance, but for one unit of both."""
     scale = groups.std(axis=0)
     sides = np.tensordot(_transforms(), groups / np.where(scale > 0.0, scale, 1.0), axes=1)
     return sides[:, 0], np.einsum("kbi,kbj->kij", sides[:, 1:], sides[:, 1:])
 
 
-def _wald_path(
-    difference: Float[np.ndarray, "breaks n"], S: Float[np.ndarray, "breaks n n"]
-) -> Float[np.ndarray, " breaks"]:
+def _wald_path(difference: np.ndarray, S: np.ndarray) -> Float[np.ndarray, " breaks"]:
     try:
         W = np.einsum("ki,ki->k", difference, np.linalg.solve(S, difference[:, :, None])[:, :, 0])
     except np.linalg.LinAlgError:
@@ -204,8 +200,7 @@ def segment_leverage(
     shift = np.full(sums.shape, np.nan)
     rest = np.outer(scale, scale) * (M - sensitivities)
     solvable = np.linalg.cond(rest) < 1.0 / np.finfo(np.float64).eps
-    moved = np.linalg.solve(rest[solvable], (scale * sums[solvable])[:, :, None])[:, :, 0]
-    shift[solvable] = -scale * moved
+    shift[solvable] = -scale * np.linalg.solve(rest[solvable], (scale * sums[solvable])[..., None])[..., 0]
     return SegmentLeverage(shift, shift / std_errors, segments)
 
 
