@@ -53,6 +53,7 @@ LAGS = calls("lag", None,
     (lambda: FlightOptions(accelerometer_bias=0.0), UsageError, "bias above zero"),
     (lambda: FlightOptions(accelerometer_bias=-0.1), UsageError, "bias above zero"),
     (lambda: FlightOptions(accelerometer_bias=math.nan), UsageError, "bias above zero"),
+    (lambda: FlightOptions(input_map="fit", accelerometer_bias=math.inf), UsageError, "a finite"),
 )  # fmt: skip
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from dataclasses import replace
 
@@ -159,16 +158,6 @@ def test_what_was_found_is_told_and_can_be_typed(square_log):
     assert typed.parameters["input_gain"] == pytest.approx(fit.parameters["input_gain"], rel=1e-3)
     assert "thrust_curve" not in typed.quantities
     assert "thrust_curve" not in json.loads(typed.to_json())["parameters"]
-
-
-@pytest.mark.thorough
-def test_curvature_alone_is_refused_when_it_cannot_tell(square_log):
-    fit = ev.identify_flight(
-        commanded(square_log, power(1.5), thrust=False), input_map="fit", accelerometer_bias=math.inf
-    )
-    curve = fit.quantities["thrust_curve"]
-    assert curve.verdict is ev.Status.REFUSED
-    assert any("Curvature alone" in reason.sentence for reason in curve.reasons)
 
 
 @pytest.mark.parametrize(

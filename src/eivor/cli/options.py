@@ -60,7 +60,7 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         rare_option(
             "STD",
             "Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
-            "(default: 0.1; inf when nothing is known of it).",
+            "(default: 0.1).",
         ),
     ] = None
     instruments: Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -61,8 +62,8 @@ class FlightOptions:
     align : bool
         Take an offset in time and a scale out of sensors that disagree, as far as the motion can.
     accelerometer_bias : float
-        What a map that is found out rests on: the standard deviation of the accelerometer's bias [m/s^2];
-        infinite for nothing known of it.
+        What a map that is found out rests on: the standard deviation of the accelerometer's bias [m/s^2].
+        Where a gain is followed it may be infinite, for nothing known of it.
     pool_friction : str
         What flights of a pool share of what belongs to a flight, such as the friction. "auto": each flight's
         own, and a common value where they agree. "separate": each flight's own, and their mean. "common":
@@ -114,8 +115,10 @@ class FlightOptions:
             raise UsageError(expected, f"{self.max_tilt_deg:g}", "The default is 25.8.")
         if not self.accelerometer_bias > 0.0:
             expected = "a standard deviation of the accelerometer's bias above zero"
-            remedy = "The default is 0.1; give inf when nothing is known of it."
-            raise UsageError(expected, f"{self.accelerometer_bias:g} m/s^2", remedy)
+            raise UsageError(expected, f"{self.accelerometer_bias:g} m/s^2", "The default is 0.1.")
+        if self.input_map == FIT_MAP and math.isinf(self.accelerometer_bias):
+            expected = "a finite accelerometer_bias with the map 'fit', which rests on it"
+            raise UsageError(expected, "inf", "Give its standard deviation in m/s^2: the default is 0.1.")
         if self.rotor_radius is not None and not 0.0 < self.rotor_radius <= LARGEST_RADIUS:
             expected = f"a rotor's radius between 0 and {LARGEST_RADIUS:g} m"
             remedy = "Give it in metres: half a propeller's diameter, such as 0.12."

@@ -103,7 +103,7 @@ CASES = [
     (GAIN, {}, {"response_rate_hz": 19.0}, WEAK, "logged at 19 Hz at most"),
     (GAIN, {}, {"checks": VerticalChecks(near_ground=(0.2, 1.5))}, WEAK, "below 4 rotor radii"),
     (HOVER, {}, {"checks": VerticalChecks(near_ground=(0.2, 1.5))}, WEAK, "below 4 rotor radii"),
-    ("thrust_curve", {"thrust_curve": UNKNOWN}, {}, REFUSED, "Curvature alone does not identify"),
+    ("thrust_curve", {"thrust_curve": UNKNOWN}, {}, REFUSED, "no interval with two ends"),
     (GAIN, {}, {"checks": VerticalChecks(apparent_gravity=1.0)}, REFUSED, "its values look like g"),
     (LAG, {}, {"checks": VerticalChecks(apparent_gravity=998.0)}, REFUSED, "look like milli-g"),
     (GAIN, {}, {"checks": VerticalChecks(apparent_gravity=-9.8)}, REFUSED, "-9.8 m/s.2, where 9.81"),

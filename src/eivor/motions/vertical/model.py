@@ -14,10 +14,9 @@ from eivor.models.regression import Column, Equation, Parameter, check_columns
 from eivor.models.signal_regression import SignalModel, SignalRegression
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import InputMap, Mixed, Power
-from eivor.tools import Float
 
-#: Grids of parameters for curvature, and what parameters are possible.
-EXPONENTS, SHARES = np.linspace(0.5, 3.5, 9), np.linspace(0.0, 1.0, 6)
+#: Parameters that are possible, from the least to the largest.
+EXPONENTS, SHARES = (0.5, 3.5), (0.0, 1.0)
 #: Commands at hover are not below it.
 LEAST_COMMAND = 1e-6
 #: A value and its 95 % interval.
@@ -30,14 +29,9 @@ class CurveFamily:
 
     of_share: bool  # ``mixed:SHARE``, else ``power:EXPONENT``
 
-    @property
-    def grid(self) -> Float[np.ndarray, " values"]:
-        """Parameters from the least possible to the largest."""
-        return SHARES if self.of_share else EXPONENTS
-
     def possible(self, value: float) -> float:
         """The parameter to four decimals, which no flight carries more information closely."""
-        return round(float(np.clip(value, self.grid[0], self.grid[-1])), 4)
+        return round(float(np.clip(value, *(SHARES if self.of_share else EXPONENTS))), 4)
 
     def map(self, value: float) -> InputMap:
         return Mixed(value) if self.of_share else Power(value)

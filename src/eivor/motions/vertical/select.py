@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -45,7 +44,6 @@ class FittedCurve:
     bias_std: float  # Standard deviation of the accelerometer's bias that was assumed, [m/s^2]
     below: tuple[float, Estimate]
     above: tuple[float, Estimate]
-    curvature_error: float = math.inf  # Standard error by curvature alone, where no bias is assumed
 
 
 FLY = (

@@ -11,10 +11,8 @@ from operator import attrgetter
 import numpy as np
 
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.profile_sets import DEGREES
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import NAN, NO_INTERVAL, Quantity, QuantityEstimate
-from eivor.inference.distributions import t_quantile
+from eivor.flights.quantity import Quantity, QuantityEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical import model
 from eivor.motions.vertical.regression import Balance, Linear, VerticalFlights, vertical_problem
@@ -44,18 +42,12 @@ def refined_curve(
 ) -> tuple[VerticalFlights, Estimate]:
     """Find the map, and estimate with it."""
     family = model.family_of(problem.motion.input_map, fitted=False)
-    curvature_error = math.inf
-    if math.isinf(bias_std):
-        value, curvature_error = _by_curvature(problem, estimated, family)
-        chosen = with_map(problem, family.map(value))
-        estimate = estimated(chosen)
-    else:
-        value, chosen, estimate = _by_intercept(problem, estimated, family)
-        if math.isnan(value):
-            return problem, estimate
+    value, chosen, estimate = _by_intercept(problem, estimated, family)
+    if math.isnan(value):
+        return problem, estimate
     sides = [family.possible(value + step) for step in (-STEP, STEP)]
     below, above = ((side, estimated(with_map(problem, family.map(side)))) for side in sides)
-    curve = FittedCurve(family, value, bias_std, below, above, curvature_error)
+    curve = FittedCurve(family, value, bias_std, below, above)
     return replace(chosen, curve=curve), estimate
 
 
@@ -93,27 +85,6 @@ def _at_nuisances(
     return value
 
 
-def _by_curvature(
-    problem: VerticalFlights, estimated: Estimated, family: model.CurveFamily
-) -> tuple[float, float]:
-    """Parameter with the least criterion, and its standard error; infinite where an end of the grid fits."""
-    grid = family.grid
-    problems = (with_map(problem, family.map(value)) for value in grid.tolist())
-    criterion = np.array([estimated(item).criterion for item in problems])
-    least = int(np.argmin(criterion))
-    quantile = t_quantile(0.95, DEGREES)
-    allowed = grid[criterion <= criterion[least] + quantile**2]
-    if least in (0, grid.size - 1) or allowed[0] == grid[0] or allowed[-1] == grid[-1]:
-        return float(grid[least]), math.inf
-    # a parabola through the least and its neighbours
-    step = grid[1] - grid[0]
-    left, middle, right = criterion[least - 1 : least + 2]
-    bend = (left - 2.0 * middle + right) / step**2
-    value = family.possible(float(grid[least] - 0.5 * (right - left) / (step * bend)))
-    half = max(0.5 * (allowed[-1] - allowed[0]), quantile * math.sqrt(2.0 / bend))
-    return value, half / quantile
-
-
 def linear_quantity(estimate: Estimate, linear: Linear, unit: str) -> QuantityEstimate:
     """Quantity of an estimate that is linear in its parameters."""
     (value, gradient, variance), covariance = linear, estimate.joint_covariance
@@ -127,23 +98,19 @@ def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstim
     estimate = of.estimate
     pairs = [(with_map(of.problem, curve.family.map(at)), item) for at, item in (curve.below, curve.above)]
     sides = [Balance(*pair) for pair in pairs]
-    by_curvature = math.isinf(curve.bias_std)
 
     def slope(quantity: Callable[[Balance], Linear]) -> float:
         low, high = (quantity(side)[0] for side in sides)
         return (high - low) / (curve.above[0] - curve.below[0])
 
     b, of_b, variance_b = of.intercept
-    by_b = 0.0 if by_curvature else -1.0 / slope(attrgetter("intercept"))
+    by_b = -1.0 / slope(attrgetter("intercept"))
     of_curve, variance_of_curve = by_b * of_b, variance_b + curve.bias_std**2
 
     def propagated(quantity: Callable[[Balance], Linear]) -> Linear:
         """A quantity with the error of the map in its gradient and its variance."""
         value, gradient, variance = quantity(of)
         by_curve = slope(quantity)
-        if by_curvature:
-            error = 0.0 if math.isinf(curve.curvature_error) else curve.curvature_error
-            return value, gradient, variance + (by_curve * error) ** 2
         return value, gradient + by_curve * of_curve, variance + (by_curve * by_b) ** 2 * variance_of_curve
 
     formulas: dict[str, tuple[Callable[[Balance], Linear], str]] = {
@@ -154,11 +121,7 @@ def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstim
     }
     rows = formulas.items()
     results = {name: linear_quantity(estimate, propagated(of_it), unit) for name, (of_it, unit) in rows}
-    value = curve.value, np.zeros(estimate.values.size), curve.curvature_error**2
-    if not by_curvature:
-        value = curve.value + by_b * b, of_curve, by_b**2 * variance_of_curve
-    elif math.isinf(curve.curvature_error):
-        return {**results, "thrust_curve": QuantityEstimate(curve.value, "", NAN, NO_INTERVAL)}
+    value = curve.value + by_b * b, of_curve, by_b**2 * variance_of_curve
     return {**results, "thrust_curve": linear_quantity(estimate, value, "")}
 
 

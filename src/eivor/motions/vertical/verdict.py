@@ -429,7 +429,6 @@ LARGER_STEPS = "Fly quicker and larger steps, which change the thrust more."
 LONGER = "Fly longer, faster climbs and descents, or pool several flights."
 CHECK_INPUT = "Check units and signs, and that the input is the command of this vehicle."
 CHECK_SIGN = "Check the frame (z up, or NED), the input's sign and its map."
-BIAS = "Say how large the accelerometer's bias may be: --accelerometer-bias 0.1 (m/s^2)."
 CHECK_STAMPS = "Check that the input is the command of this vehicle, and its time stamps."
 #: Half-widths of identified and weak, as shares of the value or in its unit; wider is refused.
 LIMITS = {
@@ -593,14 +592,6 @@ RULES = (
         ),
         CHECK_INPUT,
         Cause.CONTRADICTION,
-    ),
-    verdict.Rule(
-        (CURVE,),
-        lambda inputs: not math.isfinite(inputs.quantities[CURVE].half_width),
-        Status.REFUSED,
-        "Curvature alone does not identify the thrust curve, and the intercept cannot while nothing is "
-        "known of the accelerometer's bias.",
-        BIAS,
     ),
     verdict.Rule(
         OF_GAIN,
