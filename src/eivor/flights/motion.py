@@ -185,10 +185,12 @@ class Starts:
 
     def over_step(self, series: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
         """Mean of a series, taken as a line between samples, over the step that begins at each sample."""
-        stride = self._stride
         between = 0.5 * (series[..., :-1] + series[..., 1:])
-        area = np.concatenate([np.zeros_like(series[..., :1]), np.cumsum(between, axis=-1)], axis=-1)
-        result = series.copy()
+        return self.over_steps(np.concatenate([series[..., :1], between], axis=-1))
+
+    def over_steps(self, means: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
+        """Mean over the step that begins at each sample, of means over the steps that end at samples."""
+        stride, area, result = self._stride, np.cumsum(means, axis=-1), means.copy()
         result[..., :-stride] = (area[..., stride:] - area[..., :-stride]) / stride
         return result
 

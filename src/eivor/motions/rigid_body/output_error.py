@@ -168,15 +168,14 @@ class Minimum:
         points = structure.moved(structure.point)
         whitened = replace(self, structure=structure).whitened(points)
         residual, jacobian = whitened[0], structure.derivatives(points, whitened)
-        bend = (1.0 + residual**2) ** -0.5  # weight that the loss leaves
+        bend = (1.0 + residual**2) ** -0.5  # weight that the loss leaves; its cube is the loss' curvature
         scale = 1.0 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
         ends = np.flatnonzero(np.diff(self.clusters, append=-1)) + 1
         scores, slopes = [], []
         for cluster in np.split(np.arange(residual.size), ends[:-1]):
             rows = jacobian[cluster] * scale
-            weighted = rows * bend[cluster, None]
-            scores.append(-weighted.T @ residual[cluster])
-            slopes.append(weighted.T @ rows)
+            scores.append(-rows.T @ (bend[cluster] * residual[cluster]))
+            slopes.append((rows * bend[cluster, None] ** 3).T @ rows)
         added = np.zeros_like(slopes[0])
         if structure.clocks.size:  # their mean is the delay
             clocks = np.where(np.arange(scale.size) < len(structure.kept), 0.0, scale)
@@ -192,21 +191,16 @@ class Linearised:
     slopes: Float[np.ndarray, "clusters n n"]
     scale: Vector  # A parameter is its scaled value times this
 
-    def of(self, kept: Int[np.ndarray, " k"], *, jackknife: bool = False) -> tuple[Numbers, Square]:
-        """Changes of the parameters that are kept, and their covariance clustered by windows."""
-        # the jackknife leaves out a cluster at a time, in one Newton step: there are few of them
+    def of(self, kept: Int[np.ndarray, " k"]) -> tuple[Numbers, Square]:
+        """Changes of the parameters that are kept, and their covariance: clusters are left out in turn."""
         slopes = self.slopes[:, kept[:, None], kept]
         total, scale = slopes.sum(axis=0), self.scale[kept]
-        inverse = np.linalg.pinv(total, rcond=1e-12, hermitian=True)
-        change = inverse @ self.scores[:, kept].sum(axis=0)
+        change = np.linalg.pinv(total, rcond=1e-12, hermitian=True) @ self.scores[:, kept].sum(axis=0)
         left = self.scores[:, kept] - slopes @ change
-        count = len(left)
-        steps = left @ inverse
-        if jackknife:
-            others = total - slopes + 1e-10 * np.diag(np.diag(total))
-            steps = np.linalg.solve(others, left[..., None])[..., 0]
-        share = (count - 1) / count if jackknife else count / max(count - 1, 1)
-        return change * scale, share * steps.T @ steps * np.outer(scale, scale)
+        # one Newton step each, as there are few of them
+        others = total - slopes + 1e-10 * np.diag(np.diag(total))
+        steps = np.linalg.solve(others, left[..., None])[..., 0]
+        return change * scale, (1.0 - 1.0 / len(left)) * steps.T @ steps * np.outer(scale, scale)
 
 
 def minimised(start: Structure, *, tolerance: float = TOLERANCE) -> Minimum:
@@ -322,11 +316,11 @@ class Structure:
         away = np.array([(point - points[0]).sum() for point in points[1:]])
         return ((values[1:] - values[0]) / away[:, None]).T
 
-    def alone(self, at: Linearised, name: str = "", *, jackknife: bool = False) -> tuple[Numbers, Square]:
+    def alone(self, at: Linearised, name: str = "") -> tuple[Numbers, Square]:
         """Changes of what is kept with a name last, before the clocks; and their covariance."""
         free = [*self.kept, *([name] if name else [])]
         clocks = range(len(self.seen), at.scale.size)
-        return at.of(np.array([*(self.seen.index(item) for item in free), *clocks]), jackknife=jackknife)
+        return at.of(np.array([*(self.seen.index(item) for item in free), *clocks]))
 
     def chosen(self, at: Linearised) -> Structure:
         """With the terms that Akaike's criterion wants as well, or without the least that it does not."""
@@ -359,7 +353,6 @@ def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structu
     of_all = Structure(windows, names, scales, values, names, clocks)
     left = of_all.left(of_all.moved(of_all.point))
     answer = sum(np.abs(item[1:] - item[0]).sum(axis=(1, 2)) for item in left)
-    # what no window answers stays as it is
     seen = tuple(name for name, size in zip(names, answer, strict=False) if size > 0.0)
     values |= {name: given[name] for name in names if name not in seen}
     return replace(of_all, seen=seen, values=values, kept=tuple(name for name in seen if name in ALWAYS))
@@ -377,16 +370,16 @@ def refined_by_output_error(
         minimum = minimised(other)
     minimum = minimised(minimum.structure, tolerance=LAST_TOLERANCE)
     structure, at, names = minimum.structure, minimum.linearised(), estimate.names
-    matrix = np.zeros((len(names), len(names)))
-    places = np.array([names.index(name) for name in structure.kept])
-    covariance = structure.alone(at, jackknife=True)[1]
-    matrix[places[:, None], places] = covariance[: len(places), : len(places)]
-    for index, name in enumerate(names):
-        if name not in structure.seen:
-            matrix[index, index] = estimate.std_error(name) ** 2
-        elif name not in structure.kept:
-            matrix[index, index] = structure.alone(at, name, jackknife=True)[1][len(places), len(places)]
-    part = CovariancePart("clustered by windows", matrix, degrees=float(len(at.scores) - 1))
+    matrix = np.diag([estimate.std_error(name) ** 2 for name in names])
+    places = np.array([names.index(name) for name in structure.seen])
+    # terms that are left out may be there: what is kept is no better known than beside all that is seen
+    covariance = at.of(np.arange(at.scale.size))[1]
+    matrix[places[:, None], places] = covariance[: places.size, : places.size]
+    inverse = np.linalg.pinv(at.slopes.sum(axis=0), rcond=1e-12, hermitian=True)
+    shares = np.einsum("ij,cjk,ki->ci", inverse, at.slopes, inverse)
+    # clusters of equal shares that would say as much (Carter, Schnepel and Steigerwald 2017)
+    clusters = float(np.median(shares.sum(axis=0) ** 2 / (shares**2).sum(axis=0)))
+    part = CovariancePart("clustered by windows", matrix, degrees=clusters - 1.0)
     values = structure.values
     theta = np.array([values[name] for name in names[: estimate.theta.size]])
     findings: tuple[Finding, ...] = ()

@@ -203,13 +203,14 @@ class StatePropagator:
         return np.array([self._nodes.index(tuple(actuators(item).values())) for item in self.models])
 
     @cached_property
-    def _rotors(self) -> list[BodyMotion]:
+    def _rotors(self) -> list[tuple[BodyMotion, BodyMotion]]:
+        """At samples, and with means over steps of what drives."""
         states = RotorStates(self.logged.flight, self.vehicle, self._usual)
-        return [states.at(*path)[0] for path in self._nodes]
+        return [states.at(*path) for path in self._nodes]
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 pairs n"]:
-        return np.stack([self.starts.over_step(item.state) for item in self._rotors], axis=1)
+        return np.stack([self.starts.over_step(item.state) for item, _ in self._rotors], axis=1)
 
     @cached_property
     def _forces(self) -> Float[np.ndarray, "6 models n"]:
@@ -222,14 +223,15 @@ class StatePropagator:
         trims = [motion.trim(flight, axis) for axis in change]
         results = np.zeros((6, len(self.models), body.shape[1]))
         results[: len(trims)] = np.array(trims)[:, None]
-        for node, rotors in enumerate(self._rotors):
+        velocity = self._velocity(body, rows)
+        for node, pair in enumerate(self._rotors):
             models = np.flatnonzero(self._timing == node)
-            of = replace(rotors, velocity=self._velocity(body, rows), rates=body[10:13])
+            of = [replace(item, velocity=velocity, rates=body[10:13]) for item in pair]
             for term, of_models in self._terms:
                 values = of_models[models, None]
                 if values.any() and term.equation < len(trims):
-                    column = term.column(of)
-                    driven = self.starts.over_step(column) if term.driving else 0.0
+                    column = term.column(of[term.driving])
+                    driven = self.starts.over_steps(column) if term.driving else 0.0
                     results[term.equation, models] += values * (driven - motion.trim(flight, column))
         return results
 
