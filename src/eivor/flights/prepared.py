@@ -279,29 +279,35 @@ def matched_interpolation_filter(
 ) -> dict[str, Float[np.ndarray, " n"]]:
     """Channels on a grid, commands and what was measured spread by each other's triangles."""
     measured = (*selected.states.values(), *selected.logged_responses)
-    commanded_s = max((clock.logged_s for clock in clocks.values() if clock.thinned), default=0.0)
+    thinned = [clock for clock in clocks.values() if clock.thinned]
+    commanded_s = max((clock.logged_s for clock in thinned), default=0.0)
+    # a step of the grid holds the mean of the line over it, longer than a command was held
+    held = max(1.0 - (max((clock.issued_s for clock in thinned), default=np.inf) / grid.step_s) ** 2, 0.0)
     measured_s = max(1.0 / item.rate_hz for item in measured)
     spread = dict(channels)
     for entry in measured:
         # what was measured faster than others waits for them
         others = measured_s if 1.0 / entry.rate_hz < measured_s else 0.0
-        for width_s in (commanded_s, others):
-            spread[entry.name] = triangle_mean(spread[entry.name], grid, width_s)
+        by_line = triangle_mean(spread[entry.name], grid, commanded_s, held)
+        spread[entry.name] = triangle_mean(by_line, grid, others)
     for command in selected.commands:
         spread[command.name] = triangle_mean(spread[command.name], grid, measured_s)
     return spread
 
 
-def triangle_mean(values: Float[np.ndarray, " n"], grid: Grid, width_s: float) -> Float[np.ndarray, " n"]:
-    """Mean of a series around each sample, weighted by a triangle of so long a half."""
-    reach = int(np.ceil(width_s / grid.step_s)) - 1
-    if reach < 1:
+def triangle_mean(
+    values: Float[np.ndarray, " n"], grid: Grid, width_s: float, held: float = 0.0
+) -> Float[np.ndarray, " n"]:
+    """Mean around each sample, weighted by a triangle of so long a half; so much is held over a step."""
+    reach = max(int(np.ceil(width_s / grid.step_s)) - 1, 0)
+    if not (reach or held):
         return values
-    distance = np.abs(np.arange(-reach, reach + 1)) * grid.step_s
-    weights = 1.0 - distance / width_s
-    ends = np.cumsum([len(piece) for piece in grid.pieces])
+    weights = 1.0 - np.abs(np.arange(-reach, reach + 1)) * grid.step_s / width_s
+    # the variance of line and hold, of which samples of a triangle lack a third of a step's square
+    weights = np.convolve(weights / weights.sum(), np.array([held, 6.0 - 2.0 * held, held]) / 6.0)
+    ends, reach = np.cumsum([len(piece) for piece in grid.pieces]), reach + 1
     padded = [np.pad(part, reach, mode="edge") for part in np.split(values, ends[:-1])]
-    return np.concatenate([np.convolve(part, weights / weights.sum(), mode="valid") for part in padded])
+    return np.concatenate([np.convolve(part, weights, mode="valid") for part in padded])
 
 
 # -- Prepared --
