@@ -71,9 +71,9 @@ def test_even_stamps_may_be_in_step_with_a_slower_loop():
     allowances = open_parts(flight)
     assert flight.locked_s == pytest.approx(0.5 * (0.008 - 0.001))  # of issued ones at most 2 ms apart
     (gain,) = allowances["roll_gain"]
-    share = 0.3 * 3.5e-3 / 0.05
+    share = 0.45 * 2.5e-3 / 0.055  # of the attitude's loop, behind rotors and 5 ms of sensors
     assert (gain.counts, gain.below, gain.above) == (Counts.INDEPENDENT, *[pytest.approx(200.0 * share)] * 2)
-    assert "2.1 % larger or smaller" in gain.sentence
+    assert "2 % larger or smaller" in gain.sentence
     (damping,) = allowances["pitch_damping"]
     assert (damping.counts, damping.above) == (Counts.INDEPENDENT, pytest.approx(6.5 * share))
     by_stamps, by_loops = allowances["effective_lag"]

@@ -212,8 +212,8 @@ def clock_part(quantities: tuple[str, ...], counts: Counts = Counts.ADDED) -> Sy
     )
 
 
-#: What a loop of the attitude in step with the log does to gains, as a share of the lag's part.
-GAIN_LOCKED = 0.3
+#: Gain of a loop of rates over its lag, that of rotors and of sensors [s]; half of an attitude's hold [s].
+RATE_LOOP, SENSING_S, ATTITUDE_HOLD_S = 0.45, 0.005, 0.0025
 #: What it does to damping over what it does to gains: the loop's gain [1/s], in PX4 6.5, of a Crazyflie 6.
 ATTITUDE_GAIN = 6.5
 LOCKED = "The log's stamps are even, and a slower loop of the controller may run in step with them: "
@@ -225,7 +225,8 @@ def locked_parts(
     """Rows of commands that are always logged at one point of what a slower loop holds."""
 
     def share(inputs: VerdictInputs) -> float:
-        return GAIN_LOCKED * inputs.locked_s / max(inputs.value(lag), inputs.locked_s, 1e-9)
+        locked_s = min(inputs.locked_s, ATTITUDE_HOLD_S)
+        return RATE_LOOP * locked_s / (max(inputs.value(lag), 0.0) + SENSING_S)
 
     return (
         SystematicPart(

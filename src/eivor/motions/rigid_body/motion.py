@@ -515,8 +515,8 @@ class RigidBody(motion.Motion[LaggedRuns]):
         if not (self.pooled and len(flights) == 1):  # the whole pool is asked about filters, not its flights
             filters = verdict.filters_not_passed(problem, estimate, flights, self.known_vehicle)
         by_wind = verdict.half_widths_by_wind(problem, estimate, flights, self.known_vehicle)
-        towards = verdict.weak_shifts(estimate)
-        return verdict.RigidBodyChecks(None, wind, lags, filters, early_s, by_wind, towards)
+        others = early_s, by_wind, verdict.possible_shifts(estimate, lags)
+        return verdict.RigidBodyChecks(None, wind, lags, filters, *others)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]

@@ -76,19 +76,17 @@ from eivor.signals.filters import time_derivative
 from eivor.signals.thrust_map import input_map
 from eivor.tools import Complex, Float
 
-# -- Systematic parts --
-
 #: An onboard filter runs at its logged rate or so many times its cutoff, whichever is more.
 STEPS_OF_FILTER = 4.0
 
-LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG, *LAGS_UP_AND_DOWN)
-_FILTERED = "How often the gyroscope's filter runs is not known: "
+LAGS = (ACTUATOR_LAG.name, DELAY.name, EFFECTIVE_LAG, *LAGS_UP_AND_DOWN)
 
 
-def _early(inputs: verdict.VerdictInputs) -> float:
-    """What the gyroscope's filter may be less late than it is taken to be, as a share of the lag."""
+def _early(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
+    """The lag is longer where the gyroscope's filter is less late than taken, gains smaller by that share."""
     early_s, lag_s = inputs.checks.filter_early_s, inputs.value(EFFECTIVE_LAG)
-    return early_s / lag_s if lag_s > early_s else 0.0
+    share = early_s / lag_s if lag_s > early_s else 0.0
+    return (0.0, share * lag_s) if name in LAGS else (share * abs(inputs.value(name)), 0.0)
 
 
 def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
@@ -101,8 +99,7 @@ def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
 
 # -- Common rotor inertia --
 
-#: The ratio of inertias is identified when the half-width of its interval, by each coupling, is at most
-#: this share.
+#: The ratio of inertias is identified when half its interval, by each coupling, is at most this share.
 TOLD_SHARE = 0.1
 #: Level of the intervals of what the three columns and one inertia differ by.
 CONSISTENCY_LEVEL = 0.995
@@ -145,7 +142,6 @@ def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
         low, high = of_all.interval
         if not (low > 0.0 and high - low <= 2.0 * TOLD_SHARE * of_all.value):
             return None
-    # what each column says beside one inertia
     mean = f"0.5 * ({' + '.join(YAW_OVER_ROLL)}) * rotor_reaction"
     for differs in (f"roll_by_spin - {mean}", f"pitch_by_spin - {mean} / ({PITCH_OVER_ROLL})"):
         low, high = finite.value(differs, level=CONSISTENCY_LEVEL).interval
@@ -308,7 +304,6 @@ def filters_not_passed(
         return None
     without = {}
     for key in named:
-        # for a vehicle without one of its filters; instruments and nuisances stay
         unfiltered: KnownVehicle = replace(vehicle, **{key: None})  # type: ignore[arg-type]
         without[key] = disagreement(
             _remade(problem, estimate, of_flight, flights[number : number + 1], unfiltered)
@@ -323,6 +318,7 @@ def filters_not_passed(
 DRIVEN = {ROLL_EQUATION: "roll", PITCH_EQUATION: "pitch", YAW_EQUATION: "yaw", FORCE_Z_EQUATION: "thrust"}
 #: A step is no longer small, and its size says little, beyond this share of the lag.
 FAR = 0.5
+_CHANGE = "_lag_change_s"
 
 
 def disagreeing_lags(lag_s: float, changes_s: Mapping[str, float], p_value: float) -> Contradiction:
@@ -339,7 +335,7 @@ def disagreeing_lags(lag_s: float, changes_s: Mapping[str, float], p_value: floa
         "What moves the vehicle beside its rotors comes back through the controller: log setpoints, by "
         "which the two are distinguished, and fly in calm air. A delay that was given wrong shows alike.",
         {"lag_agreement_p": p_value, "lag_of_all_s": lag_s}
-        | {f"{name}_lag_change_s": change for name, change in changes_s.items()},
+        | {f"{name}{_CHANGE}": change for name, change in changes_s.items()},
     )
 
 
@@ -352,11 +348,9 @@ def lag_consistency_test(estimate: Estimate) -> Contradiction | None:
         return None
     rows, moves = estimate.rows, estimate.nuisance_columns[:, names.index(ACTUATOR_LAG.name)]
     residual, axes = rows.response - rows.regressors @ estimate.theta, rows.layout.axis_of_row
-    # of each axis that rotors drive, what it would change the lag by, and the variance of that
     changes, variances = {}, []
     for axis, name in DRIVEN.items():
         on_axis = axes == axis
-        # what of a column other columns do not explain
         column, others = moves[on_axis], rows.regressors[on_axis]
         sizes = np.linalg.norm(others, axis=0)
         basis, _ = np.linalg.qr(others[:, sizes > 0.0] / sizes[sizes > 0.0])
@@ -379,8 +373,7 @@ BAND_HZ = (0.5, 8.0)
 LAGS_S = np.geomspace(0.01, 0.16, 9)
 #: All orders of up to so many rotors; of more, those with two of them exchanged.
 MOST_ORDERED = 4
-#: Another order must leave so much less, in logarithms of the residual summed over axes (that of simulated
-#: flights never left more than .05 less than theirs), and explain this share of the axis that it improves.
+#: Another order must leave so much less, in logarithms summed over axes, and explain so much of one axis.
 CLEARLY = 0.3
 EXPLAINED = 0.25
 #: Of orders that differ by less the one with the fewest changes is reported.
@@ -576,27 +569,36 @@ def half_widths_by_wind(
     return dict(zip(estimate.names, halves, strict=False))
 
 
-# -- Weak instruments --
+# -- Weak instruments and lags that disagree --
 
 
-def weak_shifts(estimate: Estimate) -> dict[str, float]:
-    """By how much each parameter may lie towards least squares: what that changes, over F - 1."""
-    if not estimate.assembler.needs_instruments:
+def possible_shifts(estimate: Estimate, lags: Contradiction | None) -> dict[str, tuple[float, float]]:
+    """By how much each parameter may be lower and higher: at lags of single axes, or by weak instruments."""
+    if lags is not None:
+        sizes = np.array([size for name, size in lags.numbers.items() if name.endswith(_CHANGE)])
+        near, lag = np.abs(sizes) <= FAR * lags.numbers["lag_of_all_s"], ACTUATOR_LAG.name
+        errors = estimate.joint_covariance.parts[0].matrix[estimate.names.index(lag)]
+        shifts = np.outer(sizes[near], errors / errors[estimate.names.index(lag)])
+    elif estimate.assembler.needs_instruments:
+        known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
+        rows = np.vstack([estimate.jacobian, known])
+        residual, lengths = np.pad(estimate.residuals, (0, len(known))), np.linalg.norm(rows, axis=0)
+        lengths[lengths == 0.0] = 1.0
+        changes = np.linalg.lstsq(rows / lengths, residual)[0] / lengths
+        # from two-stage least squares the share 1 / F of what least squares would change is taken off
+        shifts = -(changes / np.maximum(estimate.first_stage - 1.0, 1e-9))[None]
+    else:
         return {}
-    known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
-    rows = np.vstack([estimate.jacobian, known])
-    residual, sizes = np.pad(estimate.residuals, (0, len(known))), np.linalg.norm(rows, axis=0)
-    sizes[sizes == 0.0] = 1.0
-    changes = np.linalg.lstsq(rows / sizes, residual)[0] / sizes
-    # of two-stage least squares the bias is the share 1 / F of that of least squares (Staiger and Stock 1997)
-    strengths = np.maximum(estimate.first_stage - 1.0, 1e-9)
-    results: dict[str, float] = dict(zip(estimate.names, (changes / strengths).tolist(), strict=True))
-    lag = results.get(ACTUATOR_LAG.name, 0.0)
-    together = {EFFECTIVE_LAG: lag + results.get(DELAY.name, 0.0)} | dict.fromkeys(LAGS_UP_AND_DOWN, lag)
-    return {**results, **together}
+    results = dict(zip(estimate.names, shifts.T, strict=True))
+    of_lag = results.get(ACTUATOR_LAG.name, np.zeros(len(shifts)))
+    results |= dict.fromkeys(LAGS_UP_AND_DOWN, of_lag)
+    results[EFFECTIVE_LAG] = of_lag + results.get(DELAY.name, 0.0)
+    return {name: (-min([0.0, *ends]), max([0.0, *ends])) for name, ends in results.items()}
 
 
-def _weak_sentence(inputs: verdict.VerdictInputs) -> str:
+def _shift_sentence(inputs: verdict.VerdictInputs) -> str:
+    if inputs.checks.lags is not None:
+        return "The axes disagree about the lag: intervals reach to what each of them asks for."
     name, F = min(inputs.first_stage.items(), key=lambda item: item[1])
     words = f"first-stage F is {F:.3g} for the {name.replace('_', ' ')}"
     return f"Estimates lie the more towards least squares, the weaker the instruments are: {words}."
@@ -612,7 +614,7 @@ class RigidBodyChecks(verdict.MotionChecks):
     filters: Contradiction | None = None
     filter_early_s: float = 0.0  # By what the gyroscope's filter may be less late than it is taken to be [s]
     by_wind: Mapping[str, float] = field(default_factory=dict)  # Half-widths by the errors of winds
-    towards: Mapping[str, float] = field(default_factory=dict)  # See `weak_shifts`
+    shifts: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # See `possible_shifts`
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -658,10 +660,13 @@ PARTS = (
         LAGS, tuple(item.name for item in GAIN), EFFECTIVE_LAG, tuple(item.name for item in DAMPING)
     ),
     verdict.SystematicPart(
-        LAGS,
+        (*LAGS, *(item.name for item in GAIN)),
         Counts.ADDED,
-        lambda inputs, _: (0.0, inputs.checks.filter_early_s if _early(inputs) else 0.0),
-        lambda inputs: f"{_FILTERED}the lag may be {1e3 * inputs.checks.filter_early_s:.2g} ms longer.",
+        _early,
+        lambda inputs: (
+            "How often the gyroscope's filter runs is not known: the lag may be "
+            f"{1e3 * inputs.checks.filter_early_s:.2g} ms longer, and gains smaller by as large a share."
+        ),
     ),
     verdict.SystematicPart(
         tuple(term.parameter.name for term in TERMS),
@@ -670,19 +675,10 @@ PARTS = (
         "The wind by the airspeed has an error of its own.",
     ),
     verdict.SystematicPart(
-        (*LAGS, DELAY.name, *(term.parameter.name for term in TERMS)),
+        (*LAGS, ASYMMETRY.name, *(term.parameter.name for term in TERMS)),
         Counts.ADDED,
-        lambda inputs, name: (
-            max(inputs.checks.towards.get(name, 0.0), 0.0),
-            max(-inputs.checks.towards.get(name, 0.0), 0.0),
-        ),
-        _weak_sentence,
-    ),
-    verdict.SystematicPart(
-        tuple(item.name for item in GAIN),
-        Counts.ADDED,
-        lambda inputs, name: (_early(inputs) * abs(inputs.value(name)), 0.0),
-        lambda inputs: f"{_FILTERED}the gain may be {100.0 * _early(inputs):.2g} % smaller.",
+        lambda inputs, name: inputs.checks.shifts.get(name, 0.0),
+        _shift_sentence,
     ),
 )
 
@@ -706,10 +702,10 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
         _check_rule("wind", ACROSS),
         *verdict.lag_rules(LAG_LIMIT, wording[EFFECTIVE_LAG]),
         *(rule for name in LAGS_UP_AND_DOWN for rule in LAG_LIMIT.rules(name, wording[name])),
-        *verdict.flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), ()),
+        *verdict.flight_rules(FLIGHT_WORDS, LAGS, ()),
     ]
     for name in wording:
-        if name in (*LAGS, DELAY.name, *STAGES, ASYMMETRY.name):
+        if name in (*LAGS, *STAGES, ASYMMETRY.name):
             continue
         rules += verdict.flight_rules(FLIGHT_WORDS, (name,), ())
         if name in _GAINS:
