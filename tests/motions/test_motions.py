@@ -25,6 +25,7 @@ from eivor.flights.verdict import Instruments, VerdictInputs, reasons_by_quantit
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.separable import LaggedReferences
 from eivor.motions import table as motions
+from eivor.motions.machine import MachineChecks
 from eivor.motions.rates.motion import Rates
 from eivor.motions.table import loaded_motion, motion_names
 from eivor.motions.vertical.motion import Vertical
@@ -215,8 +216,7 @@ def test_the_rover_is_identified_and_refused(simulate, tmp_path):
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 3
     document = json.loads(done.output)["motions"]["rover"]
-    assert document["model"]["name"] == "rover"
-    assert document["verdict"] == "refused"
+    assert (document["model"]["name"], document["verdict"]) == ("rover", "refused")
     assert list(document["derived"]) == ["breakaway_command", "time_constant", "effective_lag"]
 
 
@@ -252,7 +252,8 @@ def test_the_width_of_an_interval_decides_about_a_declared_motion(interval, stat
     assert re.match(sentence, " ".join(found.sentences))
 
 
-AT = VerdictInputs((), 100.0, 100.0, Instruments(LaggedReferences(("reference",))), used_s=60.0)
+REFERENCE = Instruments(LaggedReferences(("reference",)))
+AT = VerdictInputs((), 100.0, 100.0, REFERENCE, used_s=60.0, checks=MachineChecks({}))
 
 # Turning about the body axes: what flights tell of effectiveness and lag, and what they do not.
 
