@@ -283,7 +283,7 @@ def test_json_holds_what_the_page_says(found):
     assert document["predicts"] is True
     assert document["contradicted"] == []
     compared = [item["quantity"] for item in document["comparisons"]]
-    assert compared == ["viscous_friction", "input_gain", "effective_lag"]
+    assert compared == ["viscous_friction", "input_gain", "hover_input", "effective_lag"]
     first = document["predictions"][0]
     assert set(first) == {"model", "horizon", "quantity", "unit", "rms", "explained"}
     assert len(document["runs"]) == 2
@@ -332,21 +332,24 @@ def test_a_wrong_fit_does_not_predict(fit, recording, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "factor", "words"),
-    [
-        ("viscous_friction", 2.0, "viscous friction"),
-        ("input_gain", 0.85, "input gain"),
-        ("actuator_lag", 1.6, "effective lag"),
-    ],
+    ("name", "factor"), [("viscous_friction", 2.0), ("input_gain", 0.85), ("actuator_lag", 1.6)]
 )
-def test_a_quantity_that_the_flight_contradicts(fit, recording, tmp_path, name, factor, words):
+def test_a_quantity_that_the_flight_contradicts(fit, recording, tmp_path, name, factor):
     """Numbers that predict better than no model, and are not those of the flight."""
     document = json.loads(fit.to_json())
     document["parameters"][name]["value"] *= factor
     (tmp_path / "fit.json").write_text(json.dumps(document))
     validation = ev.validate(tmp_path / "fit.json", recording, window=(0.0, 30.0))
     assert not validation.agrees
+    words = name.replace("_", " ").replace("actuator", "effective")
     assert f"The flight contradicts the {words}." in validation.sentence
+    channels = {name: item for name, item in recording.channels.items() if not name.startswith("reference")}
+    without = replace(recording, channels=channels)
+    validation = ev.validate(tmp_path / "fit.json", without, window=(0.0, 30.0))
+    assert not validation.contradictions  # without an instrument it identifies its hover alone
+    assert "not identify it: viscous friction, input gain, effective lag." in validation.sentence
+    p_values = [item["p_value"] for item in json.loads(validation.to_json())["comparisons"]]
+    assert [p_value is None for p_value in p_values] == [True, True, False, True]
 
 
 def test_motions_that_do_not_predict_are_told(fit, recording, tmp_path, monkeypatch):

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
 #: Level at which a flight contradicts a fit, over all quantities.
 CONTRADICTION_LEVEL = 0.05
+COMPARED = {Status.IDENTIFIED, Status.WEAK}  # A number without instruments or excitation is none to compare
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ class QuantityComparison:
 
     fit: QuantityRow
     flight: QuantityRow
-    p_value: float  # Of no difference, over all quantities that are compared
+    p_value: float  # Of no difference, over all that are compared; NaN when either does not identify it
 
     @property
     def contradicts(self) -> bool:
@@ -64,22 +65,21 @@ class QuantityComparison:
 def quantity_comparisons(
     table: QuantityTable, fit: Mapping[str, Quantity], flight: Mapping[str, Quantity]
 ) -> tuple[QuantityComparison, ...]:
-    """Wald tests of quantities by half-widths of both intervals, of lags by their sum; by Bonferroni."""
+    """Wald tests by half-widths of both intervals, by Bonferroni; of what both identify, however roughly."""
     rows = []
     for name, spec in table.items():
-        compared = name == EFFECTIVE_LAG or (
-            spec.kind is Kind.PARAMETER and name not in LAG_SUMS[EFFECTIVE_LAG]
-        )
+        parameter = spec.kind is Kind.PARAMETER and name not in LAG_SUMS[EFFECTIVE_LAG]
+        compared = parameter or spec.need or name == EFFECTIVE_LAG
         if spec.by_run or not compared or name not in fit or name not in flight:
             continue
         pair = QuantityRow(name, spec, _summed(fit, name)), QuantityRow(name, spec, flight[name])
         first, second = (row.quantity for row in pair)
-        halves = (0.5 * (each.interval[1] - each.interval[0]) for each in (first, second))
-        spread = max(math.hypot(*halves), np.finfo(np.float64).tiny)
+        spread = max(math.hypot(first.half_width, second.half_width), np.finfo(np.float64).tiny)
         distance = normal_quantile(0.95) * (second.value - first.value) / spread
-        if math.isfinite(distance):
-            rows.append((*pair, chi_square_tail(distance**2, 1)))
-    return tuple(QuantityComparison(a, b, min(len(rows) * p_value, 1.0)) for a, b, p_value in rows)
+        tested = math.isfinite(distance) and {first.verdict, second.verdict} <= COMPARED
+        rows.append((*pair, chi_square_tail(distance**2, 1) if tested else math.nan))
+    count = sum(math.isfinite(p_value) for *_, p_value in rows)
+    return tuple(QuantityComparison(a, b, float(np.minimum(count * p_value, 1.0))) for a, b, p_value in rows)
 
 
 def _summed(quantities: Mapping[str, Quantity], name: str) -> Quantity:
@@ -177,7 +177,10 @@ class Validation:
     def sentence(self) -> str:
         """Prediction and contradictions in words."""
         against = " and ".join(item.fit.wording.words for item in self.contradictions)
-        return f"The flight contradicts the {against}. {self._predicted}" if against else self._predicted
+        parts = [f"The flight contradicts the {against}."] if against else []
+        left = ", ".join(item.fit.wording.words for item in self.comparisons if math.isnan(item.p_value))
+        unknown = [f"Not compared, since fit or flight does not identify it: {left}."] if left else []
+        return " ".join([*parts, self._predicted, *unknown])
 
     @property
     def _predicted(self) -> str:
@@ -480,6 +483,7 @@ def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> TableOf:
     for item in comparisons:
         wording = item.fit.wording
         p_value = f"{item.p_value:.2g}{': contradicts' if item.contradicts else ''}"
+        p_value = "not compared" if math.isnan(item.p_value) else p_value
         unit = wording.shown_unit or wording.unit
         rows.append((wording.words, *item.fit.texts, *item.flight.texts, unit, p_value))
     return table(columns, rows)
