@@ -23,10 +23,12 @@ from validation.simulated_fleets import FleetSpec, fleet_rows
 
 def test_query_prints_and_writes(eivor, monkeypatch, tmp_path):
     name, reason = "a_log_of_a_vehicle_in_a_hall_of_ours.ulg", f"It is empty{', and so is another' * 4}."
-    fleet = write_fleet(tmp_path / "fleet", [row("a"), row(name, verdict="failed", reason=reason)])
-    monkeypatch.setenv("COLUMNS", "80")  # sentences are folded there, words are not
-    failed = eivor("fleet", "query", fleet, "failed").out
-    assert [text in failed for text in (name, reason)] == [True, False]
+    small = row("a", **{f"gain.{part}": 3.067e-06 for part in ("value", "std_error", "low", "high")})
+    fleet = write_fleet(tmp_path / "fleet", [small, row(name, verdict="failed", reason=reason)])
+    monkeypatch.setenv("COLUMNS", "60")  # words are folded there, numbers are not cut
+    assert reason not in eivor("fleet", "query", fleet, "failed").out
+    assert eivor("fleet", "query", fleet, "gain").out.count("3.067e-06") == 4
+    monkeypatch.setenv("COLUMNS", "100")
     run = eivor("fleet", "query", fleet)
     assert run.code == 0
     assert [line.split() for line in run.out.splitlines()] == [
@@ -35,7 +37,7 @@ def test_query_prints_and_writes(eivor, monkeypatch, tmp_path):
         ["weak", "1"],
     ]
     run = eivor("fleet", "query", fleet, "gain", "--csv", "-")
-    assert run.out.splitlines()[1].startswith("vertical,,2026-05-01T12:00:00.000000+0000,a,1.0")
+    assert run.out.splitlines()[1].startswith("vertical,,2026-05-01T12:00:00.000000+0000,a,3.067e-6,")
     run = eivor("fleet", "query", fleet, "gain", "--csv", tmp_path / "gain.csv")
     assert "2026-05-01 12:00" in run.out
     assert (tmp_path / "gain.csv").read_text().startswith("motion,vehicle,")

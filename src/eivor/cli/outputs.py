@@ -209,7 +209,7 @@ def show(report: RenderableType) -> None:
     """Print a report on standard output; in a pipe without the blanks that pad lines to the width."""
     screen = console()
     with printing(), screen.capture() as captured:  # even a captured print touches the stream
-        screen.print(report)
+        screen.print(report, crop=False)  # a table of more numbers than fit is wider: none is cut
     lines = captured.get().splitlines()
     write(captured.get() if screen.is_terminal else "".join(f"{line.rstrip()}\n" for line in lines))
 

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 #: Letters of a cell on the terminal; in a CSV cells are whole.
 LONGEST_CELL = 160
-#: Shorter words are not broken.
-LONGEST_WORD = 40
 
 app = outputs.group(
     "fleet", "Whole fleets: thousands of logs, one row for each flight, one answer for each vehicle."
@@ -251,10 +249,12 @@ def _table(answer: pl.DataFrame) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     cells = [[printable(_cell(value)) for value in column] for column in answer]
     for name, kind, texts in zip(answer.columns, answer.dtypes, cells, strict=True):
-        is_word = all(len(text) <= LONGEST_WORD and " " not in text for text in texts)
-        whole = is_word or kind.is_numeric() or kind.is_temporal()
-        side: JustifyMethod = "right" if kind.is_numeric() else "left"
-        table.add_column(name.replace("_", " "), justify=side, no_wrap=whole, overflow="fold")
+        number = kind.is_numeric()
+        side: JustifyMethod = "right" if number else "left"
+        least = max(map(len, texts), default=0) if number else None  # words fold, digits are never cut
+        table.add_column(
+            name.replace("_", " "), justify=side, min_width=least, no_wrap=number, overflow="fold"
+        )
     for row in zip(*cells, strict=True):
         table.add_row(*map(Text, row))
     return table

@@ -205,6 +205,10 @@ class Densities:
         return np.asarray(result)
 
 
+class UsualNumber(float):
+    """A number that nobody gave."""
+
+
 @dataclass(frozen=True)
 class VehicleGuess:
     """Rough numbers of a vehicle. Its mass is not needed.
@@ -216,8 +220,8 @@ class VehicleGuess:
     """
 
     hover_input: Annotated[float, (0.05, 0.95)] = 0.5  # Input at which it hovers, a share of full input
-    viscous_friction: Annotated[float, (0.05, 1.5)] = 0.3  # K [1/s]
-    lag_s: Annotated[float, (0.005, 0.25)] = 0.05  # Actuator lag and delay together [s]
+    viscous_friction: Annotated[float, (0.05, 1.5)] = UsualNumber(0.3)  # K [1/s]
+    lag_s: Annotated[float, (0.005, 0.25)] = UsualNumber(0.05)  # Actuator lag and delay together [s]
     # Standard deviation of the vertical wind [m/s], where `densities` are not given
     gust_rms: Annotated[float, (0.0, 3.0)] = 0.3
     # Of the errors at 100 Hz [m/s^2], where `densities` are not given
@@ -225,7 +229,7 @@ class VehicleGuess:
     velocity_noise: Annotated[float, (0.0, 1.0)] = 0.03  # Likewise [m/s]
     tilt_rms: Annotated[float, (0.0, 0.2)] = 0.05  # Standard deviation of roll and of pitch [rad]
     #: Share of the drag that is quadratic: gusts push a vehicle harder the faster it moves
-    quadratic_share: Annotated[float, (0.0, 1.0)] = 0.25
+    quadratic_share: Annotated[float, (0.0, 1.0)] = UsualNumber(0.25)
     densities: Densities | None = None  # What an estimate left; default: gusts and white noise as above
     controller: AltitudeController | None = None  # Of the height setpoint; default: one that suits the lag
     requested: str = field(default="", repr=False)  # What an estimate could not identify, a word of `TARGETS`
@@ -240,8 +244,8 @@ class VehicleGuess:
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Numbers of `USUAL` that nobody gave: they have their defaults."""
-        return tuple(name for name in USUAL if getattr(self, name) == getattr(VehicleGuess, name))
+        """Numbers of `USUAL` that nobody gave."""
+        return tuple(name for name in USUAL if isinstance(getattr(self, name), UsualNumber))
 
     def drawn(self, number: int) -> VehicleGuess:
         """The vehicle with other usual numbers in place of those that nobody gave."""
@@ -336,9 +340,10 @@ def vehicle_of_result(
 
 def _within(name: str, numbers: Mapping[str, float]) -> float:
     """A number as far as it may go, or the usual one."""
-    return float(
-        np.clip(numbers.get(name, getattr(VehicleGuess, name)), *checks.ranges_of(VehicleGuess)[name])
-    )
+    if name not in numbers:
+        usual: float = getattr(VehicleGuess, name)
+        return usual
+    return float(np.clip(numbers[name], *checks.ranges_of(VehicleGuess)[name]))
 
 
 def _hover(value: float, input_map: str) -> float:
