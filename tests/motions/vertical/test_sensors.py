@@ -29,6 +29,7 @@ from eivor.motions.vertical.misspecification import (
     sensitivities,
     sensor_agreement_sentence,
     sentence,
+    turned,
 )
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import Vertical
@@ -204,8 +205,20 @@ def test_a_difference_that_no_name_fits_is_told_all_the_same(log):
     other = with_channels(log, replace(force, values=force.values + 0.4 * (height - height.mean())))
     result = agreement(other)
     assert result.otherwise
-    assert "in another way than these" in sensor_agreement_sentence(result)
+    assert "in another way than by offset" in sensor_agreement_sentence(result)
     assert list(agreement(changed(leaning, "velocity_x")).differences) == ["offset", "scale"]
+
+
+@pytest.mark.parametrize(
+    ("channel", "said"), [("velocity_z", "height and accelerometer"), ("position_z", "velocity and acc")]
+)
+def test_a_sensor_with_the_wrong_sign_is_named(log, channel, said):
+    """Opposite signs leave no mean of both, whose share a scale would be."""
+    wrong = with_channels(log, replace(log.channels[channel], values=-log.channels[channel].values))
+    sensor, words = turned((prepare(wrong, VERTICAL, FlightOptions()),))
+    assert f"{sensor} goes down where {said}" in words
+    gain = identify_flight(wrong).quantities["input_gain"]
+    assert (words in {reason.sentence for reason in gain.reasons}) is (channel == "velocity_z")
 
 
 AGREE = OverIdentification(0.0, 1, 0.5)

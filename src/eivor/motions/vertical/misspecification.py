@@ -368,6 +368,8 @@ LEAST_SENSOR_DIFFERENCE = {OFFSET.name: 0.001, SCALE.name: 0.005} | {
 #: One sensor that reads so many times what the other does is in another unit.
 OTHER_UNIT_TIMES = 3.0
 SENSORS = ("velocity", "accelerometer")
+#: Correlation of two sensors of which one has the wrong sign.
+OPPOSED = -0.5
 #: No sensor is mounted so far off [degrees].
 LARGEST_TILT_DEG = 20.0
 #: Body axes whose tilt is taken out of an attitude; and the largest share of it by which the mean thrust may
@@ -398,6 +400,33 @@ def _columns(axis_columns: AxisColumns, sideways: list[Float[np.ndarray, " n"]])
     slopes = [-np.gradient(v, step_s) for v in sideways]
     fixed = np.column_stack([np.gradient(a, step_s), a, *slopes])
     return _still(axis_columns, fixed, *(_lags(v, step_s) for v in sideways), responses=(D - A)[:, None])
+
+
+def turned(flights: Sequence[PreparedFlight]) -> tuple[str, str]:
+    """The sensor, if any, that goes down where others go up, and a sentence that says it."""
+    by_height, by_force = (
+        any(_opposed(flight, *pair) for flight in flights)
+        for pair in (("position_z", "velocity_z"), ("velocity_z", "specific_force_z"))
+    )
+    if not (by_height or by_force):
+        return "", ""
+    if by_height and not by_force and any("specific_force_z" in item.signals.channels for item in flights):
+        return "height", "The height goes down where velocity and accelerometer go up: check its sign."
+    others = "the accelerometer goes" if by_force else "the height goes"
+    others = "height and accelerometer go" if by_height and by_force else others
+    return "velocity", f"The velocity goes down where {others} up."
+
+
+def _opposed(flight: PreparedFlight, level: str, rate: str) -> bool:
+    """Whether changes of a level over half a second go against the sums of its rate."""
+    levels, rates = (flight.signals.channels.get(key, channel_on_grid(flight, key)) for key in (level, rate))
+    steps = max(round(0.5 / flight.signals.step_s), 1)
+    both = flight.used[steps:] & flight.used[:-steps]
+    if levels is None or rates is None or not both.any():
+        return False
+    sums = levels, np.cumsum(np.nan_to_num(rates))
+    changes = np.array([(item[steps:] - item[:-steps])[both] for item in sums])
+    return bool(np.corrcoef(changes)[0, 1] < OPPOSED)
 
 
 def sideways_speed(flights: Sequence[PreparedFlight]) -> float:
@@ -478,8 +507,6 @@ def _scale_sentence(scale: Difference) -> str:
     if one_stands(scale):
         still, moving = SENSORS if value < 0.0 else SENSORS[::-1]
         return f"The {still} does not follow the {moving}."
-    if times < 0.0:
-        return "The velocity goes down where the accelerometer goes up."
     if not 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
         return f"The velocity reads {times:.3g} times what the accelerometer does."
     width, more = scale.half_width / (1.0 - value / 2.0) ** 2, "more" if value > 0.0 else "less"
@@ -508,7 +535,7 @@ def sensor_agreement_sentence(agreement: SensorAgreement) -> str:
     if agreement.either:
         message.append(either_sentence(agreement))
     if agreement.otherwise:
-        message.append("Velocity and accelerometer disagree in another way than these.")
+        message.append("Velocity and accelerometer disagree in another way than by offset, scale or tilt.")
     if message:
         return " ".join(message)
     units = {OFFSET.name: ("offset", 1e3, " ms"), SCALE.name: ("scale", 100, " %")}

@@ -371,6 +371,7 @@ class Vertical(Motion[VerticalFlights]):
             input_spread=float(np.concatenate(of.weight.columns)[:, 2].std()) / abs(of.hover[0]),
             thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
             apparent_gravity=apparent_gravity(problem),
+            turned=misspecification.turned(flights),
             sideways_speed=misspecification.sideways_speed(flights),
             near_ground=verdict.near_ground(
                 flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added

@@ -61,6 +61,7 @@ class VerticalChecks(verdict.MotionChecks):
     thrust_command: bool = False  # The input is a command of thrust: a linear or mixed map
     #: Mean of the specific force where the vehicle does not accelerate [m/s^2]
     apparent_gravity: float = math.nan
+    turned: tuple[str, str] = ("", "")  # The sensor that goes against others, and a sentence
     sideways_speed: float = math.nan  # Root mean square of the horizontal speed [m/s]
     #: Share of the time used near the ground, and the lowest height in radii; None where not known
     near_ground: tuple[float, float] | None = None
@@ -86,7 +87,8 @@ class VerticalChecks(verdict.MotionChecks):
     @property
     def report(self) -> tuple[tuple[str, str], ...]:
         drift = () if self.drift is None else (("drift", self.drift.sentence),)
-        return (*drift, *self.omitted.report)
+        sign = (("sign", self.turned[1]),) if self.turned[0] == "height" else ()
+        return (*sign, *drift, *self.omitted.report)
 
 
 def near_ground(
@@ -501,8 +503,6 @@ def _sensor_remedy(inputs: VerdictInputs) -> str:
     scale = _difference(inputs, SCALE.name)
     if scale is not None and one_stands(scale):
         return "Log both at 50 Hz or more: vibration folds into slower samples."
-    if _times(inputs) < 0.0:
-        return "Turn one of them, so that z points up (in a table by a channel map: sign = -1)."
     return "Correct the unit of one of them (in a table by a channel map: unit = ...)."
 
 
@@ -535,6 +535,14 @@ RULES = (
         Status.REFUSED,
         _gravity_sentence,
         'Check its unit and axes (in a table by a channel map: unit = "g").',
+        Cause.CONTRADICTION,
+    ),
+    verdict.Rule(
+        _NOT_HOVER,
+        lambda inputs: inputs.checks.turned[0] == "velocity",
+        Status.REFUSED,
+        lambda inputs: inputs.checks.turned[1],
+        "Turn it, so that z points up (in a table by a channel map: sign = -1, or frame of the whole log).",
         Cause.CONTRADICTION,
     ),
     verdict.Rule(
