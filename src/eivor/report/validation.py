@@ -196,16 +196,6 @@ class Validation:
             return f"{text}; {' and '.join(better)} leave{'s' if len(better) == 1 else ''} less."
         return f"{text}{', and leaves less than the simpler models' if others else ''}."
 
-    def summary(self) -> str:
-        """Errors of every prediction as plain text."""
-        lines = [self._title, self.sentence]
-        for what, by, rms, unit, share in _rows(self):
-            lines.append(f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}")
-        steps = self.multi_step_prediction
-        for what, by, unit, *errors in prediction_rows(steps) if steps else ():
-            lines.append(f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in errors)}")
-        return "\n".join(lines)
-
     @property
     def _title(self) -> str:
         return f"{self.motion.words.title}, {self.flight.recording.name}"

@@ -360,7 +360,7 @@ def test_what_is_missed_has_a_name_and_a_size():
     by_supply = OmittedTerms({"supply": sure, "ground_effect": unsure})
     by_ground = OmittedTerms({"supply": unsure, "ground_effect": sure})
     assert by_supply.missed("supply")
-    assert by_supply.supply_sentence.startswith("The thrust of one command fell by 10% (± 2%)")
+    assert by_supply.supply_sentence.startswith("The thrust of one command fell by 10.0% (± 2")
     assert not by_supply.missed("ground_effect")
     assert by_ground.missed("ground_effect")
     assert by_ground.supply_change == 0.0

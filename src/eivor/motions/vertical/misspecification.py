@@ -242,7 +242,7 @@ class OmittedTerms:
                 f"{half:.2g}: the voltage changed by {changed:.0%}, and the thrust by "
                 f"{abs(value * changed):.0%} (± {half * changed:.0%})"
             )
-        moved, share = "rose" if value > 0.0 else "fell", f"{abs(value):.0%} (± {half:.0%})"
+        moved, share = "rose" if value > 0.0 else "fell", f"{abs(value):.1%} (± {half:.1%})"
         return f"the thrust of one command {moved} by {share} with the supply or the time"
 
 

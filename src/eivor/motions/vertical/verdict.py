@@ -21,6 +21,7 @@ from eivor.motions.vertical.misspecification import (
     CLOCK_DRIFT,
     CURVATURE,
     DOUBTFUL,
+    LEAST_TERM,
     NO_SPECTRUM,
     OFFSET,
     OTHER_UNIT_TIMES,
@@ -38,7 +39,7 @@ from eivor.motions.vertical.misspecification import (
     velocity_over_accelerometer,
 )
 from eivor.motions.vertical.model import GRAVITY
-from eivor.motions.vertical.regression import GROUND, TERMS, ThrustDrift, height_over_ground
+from eivor.motions.vertical.regression import GROUND, SUPPLY, TERMS, ThrustDrift, height_over_ground
 from eivor.motions.vertical.select import FLY, LOG_REFERENCE, QUANTITIES, QUICKER
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Finding
@@ -267,11 +268,12 @@ def _secant_sentence(inputs: VerdictInputs) -> str:
 
 
 def _supply(inputs: VerdictInputs, name: str) -> float:
-    # the line in time is the same change of the hover input, and known closer
-    if name == HOVER and inputs.checks.drift is not None:
-        return 0.0
-    share = (0.5 if name == GAIN else 0.25) * inputs.checks.omitted.supply_change
-    return float(share * abs(inputs.value(name)))
+    omitted, drift = inputs.checks.omitted, inputs.checks.drift
+    change = omitted.supply_change
+    if drift is not None and omitted.voltage_change is None:  # the line in time is the same, and known closer
+        change = min(change, drift.largest)
+    share = (0.5 if name == GAIN else 0.25) * change * (change >= LEAST_TERM[SUPPLY])
+    return 0.0 if name == HOVER and drift is not None else float(share * abs(inputs.value(name)))
 
 
 def _drift(inputs: VerdictInputs, name: str) -> float:
