@@ -84,6 +84,7 @@ COMMANDS = (
     *((f"identify flight.csv --lag={text}", 2, "a lag MS:STD")
         for text in ("70", "70:", ":15", "x:15", "70:0", "-70:15", "nan:15", "70:15:3", "no", "90..70")),
     *((f"identify flight.csv --lag={text}", 2, "a lag MS:STD") for text in ("-5..10", "5..", "..5")),
+    ("identify flight.csv --lag 0.065:0.015", 2, "--lag 65:15"),
     *((f"identify flight.csv --lag={text}", 2, "Give 70:15 or 50..90") for text in ("5..nan", "5...7..9")),
     ("identify flight.csv --lag=typical:6in", 2,
         r"nano, 5in, multirotor; received '6in'. Did you mean '5in'\?"),

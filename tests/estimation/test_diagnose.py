@@ -138,7 +138,7 @@ def test_every_method_is_diagnosed(method):
     assert table.columns == ["diagnostic", "of", "value", "compare"]
     assert ("effective_F" in set(table["diagnostic"])) == instrumental
     text = diagnose.summary()
-    assert "Durbin-Watson" in text
+    assert ("Hansen's J on" in text) == instrumental
     assert all(f"- {reason.sentence}" in text for reason in diagnose.reasons)
 
 

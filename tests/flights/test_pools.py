@@ -408,7 +408,7 @@ def test_nothing_is_told_of_a_flight_that_stays_as_it_is(hover):
     result = track(ev.identify_flight(hover))
     assert result.changes == ()
     (sentence,) = report_changes(result)
-    assert re.search(r"None: .* s it changed by [+-][\d.]+ ± [\d.]+ %\.", sentence)
+    assert re.search(r"No sudden change\. .* s it changed by [+-][\d.]+ ± [\d.]+ %\.", sentence)
 
 
 @pytest.mark.thorough

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -88,8 +89,13 @@ def test_a_periodic_multisine_without_noise_gives_the_exact_response():
     assert np.abs(result.response / exact - 1.0).max() < 1e-6
 
 
-def test_shown_only_where_the_reference_reaches(first):
-    rng = np.random.default_rng(0)
+def test_shown_only_where_the_reference_reaches(swept, first):
+    rng, (_, command, moved, measured) = np.random.default_rng(0), swept
+    loud = measured[:, 0] + measured.std() * rng.standard_normal(len(measured))
+    heard = ev.frequency_response(moved[:, 0], loud, reference=command[:, 0], rate_hz=RATE_HZ)
+    low = heard.bands[0][:, 0]
+    assert (low[heard.is_shown] > 0.0).all()
+    assert (low == 0.0).any()
     u, y, r = rng.standard_normal((3, 8000))
     nothing = ev.frequency_response(u, y, reference=r, rate_hz=100.0)
     assert not nothing.is_shown.any()
@@ -185,6 +191,8 @@ def test_responses_and_models_go_to_python_control(first):
     s = 2j * np.pi * 3.0
     lagging = (1.0 + one * s + two * s * s) * (1.0 + three * s)
     exact = gain * np.exp(-delay * s) / ((s + damping) * lagging)
+    real = replace(model, parameters={**model.parameters, "first": 2.1 * two**0.5})
+    assert np.isnan([real.damping_ratio, real.natural_frequency_hz]).all()  # a pair of real poles has neither
     assert model.to_control()(s) == pytest.approx(exact, rel=1e-6)
     shown = first.to_control()
     assert shown.omega / (2.0 * np.pi) == pytest.approx(first.frequency_hz[first.is_shown])

@@ -444,7 +444,8 @@ class Estimate:
         if self.has_rows and self.assembler.needs_instruments:
             (J, p_value), strengths = self.over_identification, self.first_stage
             weakest = int(np.argmin(strengths))
-            over = f"J {J:.3g} (p {p_value:.2g})" if self.degrees > 0 and math.isfinite(J) else "no J"
+            known = self.degrees > 0 and math.isfinite(J)
+            over = f"Sargan's J {J:.3g} (p {p_value:.2g}, errors white)" if known else "no Sargan's J"
             lines.append(f"{over}; first-stage F {strengths[weakest]:.3g} for {self.names[weakest]}")
         lines.extend(f"noise of {noise.sentence}" for noise in self.noises)
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)

@@ -327,7 +327,7 @@ class FrequencyResponse:
 
     @cached_property
     def is_shown(self) -> Bool[np.ndarray, " f"]:
-        """Where three neighbours or more have a significant response of the input, and a bounded band.
+        """Where three neighbours or more have a significant response of the input, and a band without zero.
 
         The windows of the first and the last of them do not overlap, except at lines.
         """
@@ -336,7 +336,8 @@ class FrequencyResponse:
         for part in stretches(significant):
             apart = self.is_periodic or f[part.stop - 1] >= APART * f[part.start]
             kept[part] = apart and part.stop - part.start >= NEIGHBOURS
-        return kept & np.isfinite(self.bands[0][:, 1])
+        low, high = self.bands[0].T
+        return kept & (low > 0.0) & np.isfinite(high)  # a band that has zero leaves every phase
 
     @property
     def shown_ranges(self) -> tuple[tuple[float, float], ...]:

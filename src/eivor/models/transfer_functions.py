@@ -327,15 +327,16 @@ class TransferFunction:
 
     @property
     def natural_frequency_hz(self) -> float:
-        """Natural frequency of both poles of the actuators [Hz]; NaN below order 3."""
-        second = self.parameters.get("second", 0.0)
-        return 1.0 / (2.0 * math.pi * math.sqrt(second)) if second else math.nan
+        """Natural frequency of a pair of poles of the actuators [Hz]; NaN where they are real, or fewer."""
+        pair = not math.isnan(self.damping_ratio)
+        return 1.0 / (2.0 * math.pi * math.sqrt(self.parameters["second"])) if pair else math.nan
 
     @property
     def damping_ratio(self) -> float:
-        """Damping ratio of both poles of the actuators [-]; NaN below order 3."""
+        """Damping ratio of that pair [-]; NaN as well."""
         second = self.parameters.get("second", 0.0)
-        return self.parameters["first"] / (2.0 * math.sqrt(second)) if second else math.nan
+        ratio = self.parameters["first"] / (2.0 * math.sqrt(second)) if second else math.nan
+        return ratio if ratio < 1.0 else math.nan
 
     def response(self, frequency_hz: Float[np.ndarray, " f"]) -> Spectrum:
         """Response with hold and sensor filter at frequencies [Hz]."""

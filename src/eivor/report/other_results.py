@@ -178,7 +178,7 @@ def report_changes(track: Track) -> Iterator[str]:
         first, last = precise[0], precise[-1]
         moved = _share(*relative_change(first, last), "+")
         over = f" From {first.time_s:.1f} to {last.time_s:.1f} s it changed by {moved}."
-        yield f"None: what moved, moved slowly or within its band.{over if len(precise) > 1 else ''}"
+        yield f"No sudden change.{over if len(precise) > 1 else ''}"
 
 
 def _share(share: float, half: float, sign: str = "") -> str:

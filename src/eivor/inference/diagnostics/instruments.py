@@ -141,7 +141,7 @@ class OverIdentification(Diagnostic):
         return outcome_word(self.p_value, ("agree", "may disagree", "disagree"))
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
-        on = f"J on {self.degrees:.3g} degrees, p-value {self.p_value:.3g}"
+        on = f"Hansen's J on {self.degrees:.3g} degrees, p-value {self.p_value:.3g}"
         line = f"over-identification  {self.J:>10.4g}  {on}"
         yield Row("over_identification_J", "", self.J, self.p_value, line)
 
