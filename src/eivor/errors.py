@@ -36,7 +36,7 @@ def nearest_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
         if name.lower()
         in ("".join(word[:1] for word in (*first, last)), "".join(w[:1] for w in first) + last)
     ]
-    named = [item for item in names if name.lower() in words[item]]
+    named = [item for item in names if get_close_matches(name.lower(), words[item], cutoff=0.8)]
     return (get_close_matches(name, names, n=most) or abbreviated or named)[:most]
 
 

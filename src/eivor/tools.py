@@ -20,6 +20,11 @@ def capitalised(words: str) -> str:
     return words if _SYMBOL.match(words) else f"{words[:1].upper()}{words[1:]}"
 
 
+def plain(value: float, digits: int = 2) -> str:
+    """So many digits of a number, however large it is, without a power of ten."""
+    return f"{float(f'{value:.{digits}g}'):.15g}"
+
+
 def printable(text: str) -> str:
     """`text` with what a terminal or a figure would act on as backslash escapes; letters stay."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)

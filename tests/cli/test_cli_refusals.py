@@ -61,7 +61,8 @@ COMMANDS = (
     ("identify flight.csv cut.ulg", 1, "cut.ulg"),
     ("identify none.ulg", 1, "none.ulg"),
     ("identify .", 1, "a log"),
-    ("identify blind.csv", 1, "looked for"),
+    ("identify blind.csv", 1, "looked for: column velocity_z.. Did you mean 'velocty_z'"),
+    ("identify flight.csv --term grond", 2, "Did you mean 'ground-effect'"),
     ("identify flight.csv --json none/x.json", 1, "does not exist"),
     ("identify flight.csv --figure none/x.png", 1, "does not exist"),
     ("identify --example --for hover,,lag", 2, ""),
@@ -201,7 +202,7 @@ def test_a_command_is_refused(eivor, flight, tmp_path, monkeypatch, command, cod
     Path("dangling").symlink_to("no/x.json")
     for name, content in (FILES | files).items():
         Path(name).write_bytes(content.encode() if isinstance(content, str) else content)
-    flight.drop("velocity_z").write_csv("blind.csv")
+    flight.rename({"velocity_z": "velocty_z"}).write_csv("blind.csv")
     before = contents(written(document(), tmp_path).parent)
     run = eivor(*shlex.split(command))
     assert (run.code, run.out) == (code, "")

@@ -397,7 +397,7 @@ FEW_ROWS = calls("few rows", TooFewSamplesError,
 )  # fmt: skip
 INSTRUMENTS = calls("instruments", InstrumentError,
     (impulse, "numerical rank below 2"),
-    (lambda: of_arrays(BCLS, **NOTHING), "numerical rank below 2"),
+    (lambda: of_arrays(BCLS, **NOTHING), "rank below 2, by the columns of theta_2"),
     (lambda: of_arrays(EIV, instruments=PSI[:, :1]), "at least 2 instruments for 2 parameters; received 1"),
     (lambda: fractional(EIV, ev.lags("input", 1, 10), DIFFERENCE), "whose measurement noise no regressor"),
     (lambda: fractional(GIV, dense.FRACTIONAL_LAGS[:2], made=BARE), "3 independent instruments for 3 unk"),

@@ -28,6 +28,7 @@ from eivor.models.separable import LaggedReferences
 from eivor.motions.declaration import machine_text, shipped_machines
 from eivor.motions.equation import DeclaredMotion
 from eivor.motions.vertical.regression import VerticalFlight
+from eivor.report.other_results import track_document
 from eivor.signals import channels
 from eivor.signals.channels import CurveSide
 from eivor.signals.filters import time_derivative
@@ -217,6 +218,7 @@ def test_formulas_of_casadi_are_those_of_the_declaration(term, tmp_path):
 def test_a_parameter_of_a_machine_is_followed(boat_fit):
     track = followed(boat_fit, 30.0)
     assert track.name == "g"
+    assert track_document(track).about.startswith("g over the log")
     before, after = (next(item for item in track.moments if item.time_s > end) for end in (145.0, 290.0))
     share, half = relative_change(before, after)
     assert abs(share + 0.2) < half < 0.1

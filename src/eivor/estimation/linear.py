@@ -182,15 +182,17 @@ def check_freedom(rows: int | float, unknowns: int) -> None:
         raise TooFewSamplesError(expected, f"{rows:g}", "Give a longer record.")
 
 
-def check_rank(system: LinearSystem) -> None:
+def check_rank(system: LinearSystem, names: Sequence[str]) -> None:
     """Refuse moment equations that rounding alone keeps from being singular."""
     A = system.matrix
     scaled = A * column_scale(A) / row_lengths(A)[:, None]
     singular, still = np.linalg.svd(scaled, compute_uv=False), not A.any(axis=0).all()
     if still or lost_to_rounding(singular, max(A.shape)):
+        shares = np.abs(np.linalg.svd(scaled)[2][-1])
+        alike = " and ".join(name for name, share in zip(names, shares, strict=False) if share > LEAST_SHARE)
         raise InstrumentError(
             "instruments that move every regressor in a way of its own",
-            f"equations of numerical rank below {A.shape[1]}",
+            f"equations of numerical rank below {A.shape[1]}{alike and f', by the columns of {alike}'}",
             "An input that never moves carries no information, and a white one is no instrument for itself "
             "once delayed. Use generalized_iv with lag 0, other instruments, or an input with memory.",
         )
@@ -324,7 +326,7 @@ class LinearMethod(Method):
         if check:
             check_freedom(moments.rows, system.matrix.shape[1])
             if self.assembler.moment_equations:
-                check_rank(system)
+                check_rank(system, [] if problem is None else [item.name for item in problem.parameters])
         theta: Float[np.ndarray, " n"] | None = None
         for _ in range(self.equation_weighting.passes):
             weighted, factor = self.equation_weighting.equations(system, moments, problem, theta)

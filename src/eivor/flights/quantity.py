@@ -269,6 +269,11 @@ class QuantitySpec:
     across: AcrossFlights | None = None  # How reports of fleets pool it
     field_symbol: str = ""  # What flight mechanics calls it, with its sign: -L_p
 
+    @property
+    def own_symbol(self) -> str:
+        """The symbol, where it says more than the words."""
+        return "" if self.symbol == self.words else self.symbol
+
     def possible(self, interval: tuple[float, float]) -> tuple[float, float]:
         """Part of an interval that is not below `lowest`; one without a lower bound stays as it is."""
         low, high = interval

@@ -19,6 +19,7 @@ from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Cause, Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_LAG, STAGES
 from eivor.models.separable import InstrumentRule, NoInstruments
+from eivor.tools import plain
 
 # -- Inputs --
 
@@ -345,7 +346,7 @@ class Limit:
 
         def zero_sentence(inputs: VerdictInputs) -> str:
             low, high = inputs.quantities[name].interval
-            interval = f"[{low:.2g}, {high:.2g}] {wording.unit}".rstrip()
+            interval = f"[{plain(low)}, {plain(high)}] {wording.unit}".rstrip()
             words = f"The {wording.words} cannot be distinguished from zero: its interval is {interval}."
             return f"{words}{inputs.moved}"
 
@@ -354,9 +355,9 @@ class Limit:
             needed, needs = self.half_widths(value)[which], ("identified needs", "it needs")[which]
             shares = (self.identified, self.weak)[which] * abs(value) >= needed
             wide, narrow = (
-                f"±{100.0 * size / abs(value):.3g}%"
+                f"±{plain(100.0 * size / abs(value), 3)}%"
                 if shares and value
-                else f"±{size * wording.scale:.2g} {wording.shown_unit or wording.unit}".rstrip()
+                else f"±{plain(size * wording.scale)} {wording.shown_unit or wording.unit}".rstrip()
                 for size in (half, needed)
             )
             return f"The interval of the {wording.words} is {wide} wide; {needs} {narrow}.{inputs.moved}"
@@ -408,8 +409,8 @@ def below_zero_rule(name: str, of: QuantitySpec, status: Status, why: str, remed
 def _anywhere(low: float, high: float) -> str:
     """Where a set with or without ends lies, in words."""
     if math.isfinite(low) and math.isfinite(high):
-        return f"anywhere in [{low:.2g}, {high:.2g}]"
-    bounds = [f"above {low:.2g}"] * math.isfinite(low) + [f"below {high:.2g}"] * math.isfinite(high)
+        return f"anywhere in [{plain(low)}, {plain(high)}]"
+    bounds = [f"above {plain(low)}"] * math.isfinite(low) + [f"below {plain(high)}"] * math.isfinite(high)
     return f"anywhere{''.join(f' {bound}' for bound in bounds)}"
 
 

@@ -155,7 +155,7 @@ def _remark(change: ParameterChange) -> str:
 
 def _line(entry: CardEntry) -> CardLine:
     row, change, wording = entry.row, entry.change, entry.row.wording
-    line = CardLine(entry.words, *row.texts, wording.shown_unit, quantity=row.name, symbol=wording.symbol)
+    line = CardLine(entry.words, *row.texts, wording.shown_unit, quantity=row.name, symbol=wording.own_symbol)
     if change is None:
         return line
     name, old = change.parameter.name, f"{change.old:.4g}"

@@ -420,7 +420,7 @@ def draw_ellipse(axes: Axes, ellipse: Ellipse, intervals: Sequence[tuple[float, 
 def axis_words(name: str, unit: str) -> str:
     """Parameter in words with its symbol and unit; "[-]" when it has none."""
     known = wording_of(name)
-    words = f"{known.words} {known.symbol}" if known else printable(name)
+    words = f"{known.words} {known.own_symbol}".rstrip() if known else printable(name)
     return f"{words} [{printable(unit).replace('^2', '²') or '-'}]"
 
 

@@ -404,7 +404,7 @@ def _quantity_table(quantities: tuple[QuantityRow, ...]) -> doc.TableOf:
     rows = []
     for row in quantities:
         verdict, wording = doc.Cell(row.label, status=row.quantity.verdict), row.wording
-        symbol = ", ".join(filter(None, (wording.symbol, wording.field_symbol.replace("-", "−"))))
+        symbol = ", ".join(filter(None, (wording.own_symbol, wording.field_symbol.replace("-", "−"))))
         rows.append((wording.words, symbol, *row.texts, wording.shown_unit, verdict))
     return doc.table(("quantity", "", *NUMBER_COLUMNS, "verdict"), rows)
 

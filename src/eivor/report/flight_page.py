@@ -349,7 +349,7 @@ def _reading(entry: CardEntry) -> dict[str, object]:
     return {
         "name": f"{entry.result.motion.name}.{row.name}",
         "words": entry.words,
-        "symbol": row.wording.symbol,
+        "symbol": row.wording.own_symbol,
         "unit": row.wording.shown_unit,
         "shown": list(row.texts),
         "status": row.quantity.verdict.value,

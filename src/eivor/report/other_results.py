@@ -161,7 +161,7 @@ def _called(track: Track) -> str:
     if not track.name:
         return "Nothing"
     wording = track.result.motion.quantities[track.name]
-    return f"{wording.words} {wording.symbol}"
+    return f"{wording.words} {wording.own_symbol}".rstrip()
 
 
 def report_changes(track: Track) -> Iterator[str]:

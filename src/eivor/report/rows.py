@@ -118,7 +118,7 @@ def symbol_of(wording: QuantitySpec) -> str:
 
 def axis_of(wording: QuantitySpec) -> str:
     """Words of an axis for a quantity in its shown unit."""
-    return f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"
+    return f"{wording.words} {wording.own_symbol}".rstrip() + f" [{wording.shown_unit or '-'}]"
 
 
 def number_table(titles: Iterable[str], rows: Iterable[Iterable[float | str | Cell]]) -> TableOf:

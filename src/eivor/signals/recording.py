@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from eivor import checks
-from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
+from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError, did_you_mean
 from eivor.signals.channels import CurveSide, family_members
 from eivor.signals.filters import evened
 from eivor.tools import Bool, Float, html_table
@@ -314,6 +315,8 @@ class Recording:
         expected = f"the channel '{name}' in {self.name}"
         received = f"a log without it (looked for: {sources})"
         remedy = "Log it; in a table or a bag, a channel map may name its column (--map)."
+        unused = " ".join(item.message for item in self.findings if item.name == "ignored_columns")
+        remedy = did_you_mean(name, re.findall(r"'([^']+)'", unused), remedy)
         raise MissingChannelError(expected, received, remedy)
 
 

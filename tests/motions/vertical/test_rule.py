@@ -124,7 +124,7 @@ CASES = [
     (FRICTION, {FRICTION: quantity(0.0, 0.1)}, {}, REFUSED, "cannot be distinguished from zero"),
     (FRICTION, {FRICTION: quantity(-0.2, 0.3)}, {}, REFUSED, r"zero: its interval is \[-0.5, 0.1\] 1/s"),
     (FRICTION, {FRICTION: quantity(0.4, 0.201)}, {}, WEAK, r"±50\.2% wide; identified needs ±50%"),
-    (GAIN, {GAIN: quantity(3.0, 15.0)}, {}, REFUSED, r"from zero: its interval is \[-12, 18\] m/s\^2"),
+    (GAIN, {GAIN: quantity(300.0, 1500.0)}, {}, REFUSED, r"zero: its interval is \[-1200, 1800\] m/s\^2"),
     (GAIN, {GAIN: quantity(40.0, 4.12)}, {}, WEAK, r"±10\.3% wide"),
     (GAIN, {GAIN: quantity(40.0, 10.2)}, {}, REFUSED, r"±25\.5% wide; it needs ±25%"),
     (LAG, {LAG: quantity(0.05, 0.021)}, {}, WEAK, "±21 ms wide; identified needs ±20 ms"),
