@@ -31,17 +31,12 @@ def test_query_prints_and_writes(eivor, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "100")
     run = eivor("fleet", "query", fleet)
     assert run.code == 0
-    assert [line.split() for line in run.out.splitlines()] == [
-        ["verdict", "logs"],
-        ["failed", "1"],
-        ["weak", "1"],
-    ]
+    assert run.out.split() == ["verdict", "logs", "failed", "1", "weak", "1"]
     run = eivor("fleet", "query", fleet, "gain", "--csv", "-")
     assert run.out.splitlines()[1].startswith("vertical,,2026-05-01T12:00:00.000000+0000,a,3.067e-6,")
     run = eivor("fleet", "query", fleet, "gain", "--csv", tmp_path / "gain.csv")
     assert "2026-05-01 12:00" in run.out
     assert (tmp_path / "gain.csv").read_text().startswith("motion,vehicle,")
-    assert eivor("fleet", "query", fleet, "nothing").code == 2
 
 
 @pytest.fixture

@@ -232,23 +232,16 @@ def test_another_flight_is_predicted(eivor, log, tmp_path):
     run = eivor("validate", fit, f"{log}@15:30", "--figure", figure)
     assert run.code == 0
     assert "leaves less than the simpler models" in " ".join(run.out.split())
-    assert "RMS error" in run.out
     assert figure.stat().st_size > 1000
     reported = eivor("validate", fit, log, "--window", "15:30", "--json", "-")
     assert json.loads(reported.out)["schema"] == "eivor.validate/1"
 
     document = json.loads(fit.read_text())
     vertical = document["motions"]["vertical"]
-    vertical["parameters"]["input_gain"]["value"] *= 0.85
-    fit.write_text(json.dumps(document))
-    against = eivor("validate", fit, log)
-    assert against.code == 3
-    sentence = " ".join(against.out.split())
-    assert "The flight contradicts the input gain." in sentence
-    assert "leaves less than the simpler models" in sentence
     vertical["covariance"]["values"] = [9.0, 1.0, 0.2, 0.0]
     fit.write_text(json.dumps(document))
-    assert eivor("validate", fit, log).code == 3
+    wrong = eivor("validate", fit, log)
+    assert (wrong.code, "leave less" in " ".join(wrong.out.split())) == (3, True)
     vertical["prediction"] = None
     fit.write_text(json.dumps(document))
     refused = eivor("validate", fit, log)

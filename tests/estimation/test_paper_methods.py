@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from dataclasses import replace
 from functools import cache
@@ -261,7 +260,7 @@ def test_weak_instruments_are_told():
     with pytest.warns(UserWarning, match="first-stage F is .*, and 10 is needed"):
         fit = ev.identify(problem, ev.methods.extended_iv())
     assert fit.status.value == "weak"
-    assert re.search(r"Sargan's J .*errors white\); first-stage F", fit.summary())
+    assert "errors white); first-stage F" in fit.summary()
 
 
 def weakly_instrumented(seed, rows=300):

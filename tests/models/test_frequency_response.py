@@ -93,9 +93,7 @@ def test_shown_only_where_the_reference_reaches(swept, first):
     rng, (_, command, moved, measured) = np.random.default_rng(0), swept
     loud = measured[:, 0] + measured.std() * rng.standard_normal(len(measured))
     heard = ev.frequency_response(moved[:, 0], loud, reference=command[:, 0], rate_hz=RATE_HZ)
-    low = heard.bands[0][:, 0]
-    assert (low[heard.is_shown] > 0.0).all()
-    assert (low == 0.0).any()
+    assert set(heard.is_shown[heard.bands[0][:, 0] == 0.0].tolist()) == {False}
     u, y, r = rng.standard_normal((3, 8000))
     nothing = ev.frequency_response(u, y, reference=r, rate_hz=100.0)
     assert not nothing.is_shown.any()
@@ -107,7 +105,6 @@ def test_shown_only_where_the_reference_reaches(swept, first):
     assert first.shown_ranges
     frame = first.to_frame()
     assert frame.height == 24
-    assert "direct" not in first.summary()
     assert np.isfinite(frame["magnitude"].to_numpy()).all()
 
 
@@ -121,7 +118,7 @@ def test_without_a_reference_it_is_the_direct_estimate_and_says_so(swept):
     _, _, u, y = swept
     result = ev.frequency_response(u[:, 0], y[:, 0], reference=None, rate_hz=RATE_HZ)
     assert result.is_direct
-    assert "biased where the input answers" in result.summary()
+    assert "biased where the input answers" in " ".join(result.findings)
     assert np.allclose(result.response, result.direct, equal_nan=True)
 
 

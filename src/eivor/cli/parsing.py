@@ -65,8 +65,6 @@ def parse_window(text: str) -> Window:
 
 #: What a class of vehicles stands behind.
 TYPICAL = "typical:"
-#: No actuator is so quick: a smaller number was given in seconds [s].
-SHORTEST_LAG_S = 1e-3
 
 
 def parse_lag(text: str) -> Prior | Bounds:
@@ -80,10 +78,9 @@ def parse_lag(text: str) -> Prior | Bounds:
     between = ".." in text
     pair = parse_pair(text, ".." if between else ":", (math.nan, math.nan))
     first, second = (1e-3 * number for number in pair)
-    if 0.0 < (second if between else first) < SHORTEST_LAG_S:
+    if 0.0 < (second if between else first) < 1e-3:  # no actuator is so quick
         likely = (".." if between else ":").join(f"{1e3 * number:g}" for number in pair)
-        received = f"'{text}', less than a millisecond"
-        raise UsageError("a lag in milliseconds", received, f"Of seconds it is --lag {likely}.")
+        raise UsageError("a lag in milliseconds", f"'{text}', less than one", f"Of seconds: --lag {likely}.")
     if between and 0.0 <= first <= second < math.inf:
         return Bounds(first, second)
     if not between and 0.0 < first < math.inf and 0.0 < second < math.inf:

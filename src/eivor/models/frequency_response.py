@@ -327,17 +327,13 @@ class FrequencyResponse:
 
     @cached_property
     def is_shown(self) -> Bool[np.ndarray, " f"]:
-        """Where three neighbours or more have a significant response of the input, and a band without zero.
-
-        The windows of the first and the last of them do not overlap, except at lines.
-        """
+        """Where three neighbours or more answer the reference, windows apart, in a band without zero."""
         significant, f = self.points.significance < SIGNIFICANT, self.frequency_hz
         kept = np.zeros_like(significant)
         for part in stretches(significant):
             apart = self.is_periodic or f[part.stop - 1] >= APART * f[part.start]
             kept[part] = apart and part.stop - part.start >= NEIGHBOURS
-        low, high = self.bands[0].T
-        return kept & (low > 0.0) & np.isfinite(high)  # a band that has zero leaves every phase
+        return kept & (self.bands[0][:, 0] > 0.0) & np.isfinite(self.bands[0][:, 1])
 
     @property
     def shown_ranges(self) -> tuple[tuple[float, float], ...]:
@@ -381,19 +377,6 @@ class FrequencyResponse:
         if not mask.any():
             raise EstimationError("a response that is shown somewhere", "none", "Fly a sweep.")
         return python_control().FRD(self.response[mask], 2.0 * np.pi * self.frequency_hz[mask])
-
-    def summary(self) -> str:
-        """Table of the frequencies that are shown, and the findings."""
-        lines = [f"{'f [Hz]':>8} {'|G|':>10} {'low':>10} {'high':>10} {'phase':>8} {'+-':>6} {'r,u':>5}"]
-        for index in np.flatnonzero(self.is_shown).tolist():
-            low, high = self.bands[0][index]
-            early, late = np.rad2deg(self.bands[1][index])
-            value, angle = abs(self.response[index]), np.rad2deg(np.angle(self.response[index]))
-            lines.append(
-                f"{self.frequency_hz[index]:8.3f} {value:10.4g} {low:10.4g} {high:10.4g} "
-                f"{angle:8.1f} {(late - early) / 2:6.1f} {self.points.coherence[index]:5.2f}"
-            )
-        return "\n".join([*lines, *self.findings])
 
 
 def frequency_response(

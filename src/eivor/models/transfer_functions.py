@@ -328,8 +328,8 @@ class TransferFunction:
     @property
     def natural_frequency_hz(self) -> float:
         """Natural frequency of a pair of poles of the actuators [Hz]; NaN where they are real, or fewer."""
-        pair = not math.isnan(self.damping_ratio)
-        return 1.0 / (2.0 * math.pi * math.sqrt(self.parameters["second"])) if pair else math.nan
+        real = not self.damping_ratio < 1.0
+        return math.nan if real else 1.0 / (2.0 * math.pi * math.sqrt(self.parameters["second"]))
 
     @property
     def damping_ratio(self) -> float:

@@ -340,10 +340,8 @@ def vehicle_of_result(
 
 def _within(name: str, numbers: Mapping[str, float]) -> float:
     """A number as far as it may go, or the usual one."""
-    if name not in numbers:
-        usual: float = getattr(VehicleGuess, name)
-        return usual
-    return float(np.clip(numbers[name], *checks.ranges_of(VehicleGuess)[name]))
+    usual: float = getattr(VehicleGuess, name)
+    return float(np.clip(numbers[name], *checks.ranges_of(VehicleGuess)[name])) if name in numbers else usual
 
 
 def _hover(value: float, input_map: str) -> float:

@@ -316,8 +316,8 @@ class Recording:
         received = f"a log without it (looked for: {sources})"
         remedy = "Log it; in a table or a bag, a channel map may name its column (--map)."
         unused = " ".join(item.message for item in self.findings if item.name == "ignored_columns")
-        remedy = did_you_mean(name, re.findall(r"'([^']+)'", unused), remedy)
-        raise MissingChannelError(expected, received, remedy)
+        near = did_you_mean(name, re.findall(r"'([^']+)'", unused), remedy)
+        raise MissingChannelError(expected, received, near)
 
 
 def interval_within(window: tuple[float, float], span: tuple[float, float]) -> tuple[float, float]:

@@ -209,14 +209,12 @@ def test_a_difference_that_no_name_fits_is_told_all_the_same(log):
     assert list(agreement(changed(leaning, "velocity_x")).differences) == ["offset", "scale"]
 
 
-@pytest.mark.parametrize(
-    ("channel", "said"), [("velocity_z", "height and accelerometer"), ("position_z", "velocity and acc")]
-)
-def test_a_sensor_with_the_wrong_sign_is_named(log, channel, said):
+@pytest.mark.parametrize(("channel", "sensor"), [("velocity_z", "velocity"), ("position_z", "height")])
+def test_a_sensor_with_the_wrong_sign_is_named(log, channel, sensor):
     """Opposite signs leave no mean of both, whose share a scale would be."""
     wrong = with_channels(log, replace(log.channels[channel], values=-log.channels[channel].values))
-    sensor, words = turned((prepare(wrong, VERTICAL, FlightOptions()),))
-    assert f"{sensor} goes down where {said}" in words
+    named, words = turned((prepare(wrong, VERTICAL, FlightOptions()),))
+    assert named == sensor
     gain = identify_flight(wrong).quantities["input_gain"]
     assert (words in {reason.sentence for reason in gain.reasons}) is (channel == "velocity_z")
 

@@ -368,8 +368,6 @@ LEAST_SENSOR_DIFFERENCE = {OFFSET.name: 0.001, SCALE.name: 0.005} | {
 #: One sensor that reads so many times what the other does is in another unit.
 OTHER_UNIT_TIMES = 3.0
 SENSORS = ("velocity", "accelerometer")
-#: Correlation of two sensors of which one has the wrong sign.
-OPPOSED = -0.5
 #: No sensor is mounted so far off [degrees].
 LARGEST_TILT_DEG = 20.0
 #: Body axes whose tilt is taken out of an attitude; and the largest share of it by which the mean thrust may
@@ -404,17 +402,12 @@ def _columns(axis_columns: AxisColumns, sideways: list[Float[np.ndarray, " n"]])
 
 def turned(flights: Sequence[PreparedFlight]) -> tuple[str, str]:
     """The sensor, if any, that goes down where others go up, and a sentence that says it."""
-    by_height, by_force = (
-        any(_opposed(flight, *pair) for flight in flights)
-        for pair in (("position_z", "velocity_z"), ("velocity_z", "specific_force_z"))
-    )
-    if not (by_height or by_force):
-        return "", ""
-    if by_height and not by_force and any("specific_force_z" in item.signals.channels for item in flights):
+    pairs = {"height": ("position_z", "velocity_z"), "accelerometer": ("velocity_z", "specific_force_z")}
+    others = [name for name, pair in pairs.items() if any(_opposed(flight, *pair) for flight in flights)]
+    if others == ["height"] and any("specific_force_z" in item.signals.channels for item in flights):
         return "height", "The height goes down where velocity and accelerometer go up: check its sign."
-    others = "the accelerometer goes" if by_force else "the height goes"
-    others = "height and accelerometer go" if by_height and by_force else others
-    return "velocity", f"The velocity goes down where {others} up."
+    words = f"{' and '.join(others)} go{'' if others[1:] else 'es'}"
+    return ("velocity", f"The velocity goes down where {words} up.") if others else ("", "")
 
 
 def _opposed(flight: PreparedFlight, level: str, rate: str) -> bool:
@@ -426,7 +419,7 @@ def _opposed(flight: PreparedFlight, level: str, rate: str) -> bool:
         return False
     sums = levels, np.cumsum(np.nan_to_num(rates))
     changes = np.array([(item[steps:] - item[:-steps])[both] for item in sums])
-    return bool(np.corrcoef(changes)[0, 1] < OPPOSED)
+    return bool(np.corrcoef(changes)[0, 1] < -0.5)
 
 
 def sideways_speed(flights: Sequence[PreparedFlight]) -> float:

@@ -561,11 +561,6 @@ class ThrustDrift:
         return self.hover_rate * self.duration_s * max(1.0 - noise, 0.0)
 
     @property
-    def largest(self) -> float:
-        """What the thrust may have changed by over the runs, as a share."""
-        return (abs(self.rate) + self.half_width) * self.duration_s / GRAVITY
-
-    @property
     def numbers(self) -> dict[str, float]:
         """Change over the runs [m/s^2], and of the hover input [a minute] by the exponent of thrust."""
         return {

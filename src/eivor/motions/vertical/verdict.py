@@ -271,7 +271,7 @@ def _supply(inputs: VerdictInputs, name: str) -> float:
     omitted, drift = inputs.checks.omitted, inputs.checks.drift
     change = omitted.supply_change
     if drift is not None and omitted.voltage_change is None:  # the line in time is the same, and known closer
-        change = min(change, drift.largest)
+        change = min(change, (abs(drift.rate) + drift.half_width) * drift.duration_s / GRAVITY)
     share = (0.5 if name == GAIN else 0.25) * change * (change >= LEAST_TERM[SUPPLY])
     return 0.0 if name == HOVER and drift is not None else float(share * abs(inputs.value(name)))
 
