@@ -75,7 +75,7 @@ BAND_SHARE, BAND_HZ = 0.2, (0.04, 5.0)
 #: Above this share of the rate there is nothing to see.
 NYQUIST_SHARE = 0.5
 #: Lags [s] of a reference's past and future that residuals are compared with; p-values below this answer.
-ANSWER_LAGS_S, ANSWERS_BELOW = (0.06, 0.25, 1.0, 4.0), 1e-3
+ANSWER_LAGS_S, ANSWERS_BELOW = (0.06, 0.25, 1.0, 4.0), 1e-4
 
 
 @dataclass(frozen=True, slots=True)

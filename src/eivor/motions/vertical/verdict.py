@@ -310,14 +310,14 @@ def _periodic_sentence(inputs: VerdictInputs) -> str:
 #: What widens the intervals: quantities, how it counts, how large it is, and its sentence.
 PARTS = (
     verdict.SystematicPart(
-        MOVING,
+        (*MOVING, DELAY.name),
         Counts.FACTOR,
         lambda inputs, name: inputs.factor(_few_seconds(inputs), name),
         lambda inputs: (
             f"{inputs.used_s:.3g} s are few: errors are {_few_seconds(inputs):.2f} times as large."
         ),
     ),
-    verdict.disagreement_part(MOVING),
+    verdict.disagreement_part((*MOVING, DELAY.name)),
     verdict.SystematicPart(
         (FRICTION,),
         Counts.ADDED,
@@ -343,7 +343,7 @@ PARTS = (
     verdict.SystematicPart(MOVING, Counts.ADDED, _offset, _sensor_sentence(OFFSET.name)),
     verdict.SystematicPart((FRICTION, GAIN), Counts.ADDED, _scale, _sensor_sentence(SCALE.name)),
     verdict.SystematicPart(
-        SEARCHED,
+        OF_LAG,
         Counts.ADDED,
         lambda inputs, _: inputs.half_hold_s,
         lambda inputs: (
