@@ -659,7 +659,11 @@ class MachineChecks(verdict.MotionChecks):
 
 ANSWERING = verdict.Rule(
     (),
-    lambda inputs: inputs.instruments.exogenous and bool(inputs.checks.answering),
+    lambda inputs: (
+        inputs.instruments.exogenous
+        and isinstance(inputs.checks, MachineChecks)
+        and bool(inputs.checks.answering)
+    ),
     Status.PROVISIONAL,
     lambda inputs: (
         f"What disturbs the machine predicts its reference ({inputs.checks.answering}, p-value "
