@@ -74,25 +74,26 @@ def _uneven_state(
 ) -> Rotors:
     """The same with two lags, from the state with their mean; lengths are the parts of a step in lags."""
     # a held command is approached from one side: with the sides known, states follow from a linear system
-    late = command[np.maximum(np.arange(-1, command.shape[0] - 1) - whole, 0)]
-    early, band = np.concatenate([late[:1], late[:-1]]), np.ones((2, command.shape[0]), order="F")
+    index = np.maximum(np.arange(-1, command.shape[0] - 1) - whole, 0)
     decays = np.exp(-np.outer(lengths, [1.0 + asymmetry, 1.0 - asymmetry])).tolist()
-    rises = np.zeros((2, *command.shape), dtype=np.bool_)
-    for _ in range(MOST_PASSES):
-        before = np.concatenate([state[:1], state[:-1]])
-        last, rises = rises, np.empty_like(rises)
-        rises[0] = early > before
-        first = np.where(rises[0], *decays[0])
-        rises[1] = late > early + (before - early) * first
-        second = np.where(rises[1], *decays[1])
-        if (rises == last).all():
-            break
-        driven, decay = (1.0 - first) * second * early + (1.0 - second) * late, first * second
-        driven[0], state = command[0], np.empty_like(state)
-        for rotor in range(command.shape[1]):
-            band[1, :-1] = -decay[1:, rotor]
-            of_rotor = driven[:, rotor : rotor + 1]
-            state[:, rotor] = scipy.linalg.lapack.dtbtrs(band, of_rotor, uplo="L", diag="U")[0][:, 0]
+    band = np.ones((2, command.shape[0]), order="F")
+    for rotor, logged in enumerate(command.T):  # what a pass makes of a rotor stays in the processor's cache
+        late, of_rotor, last = logged[index], state[:, rotor], np.empty(0)
+        early = np.concatenate([late[:1], late[:-1]])
+        for _ in range(MOST_PASSES):
+            above = np.concatenate([of_rotor[:1], of_rotor[:-1]]) - early
+            first = np.where(above < 0.0, *decays[0])
+            second = np.where(late > early + above * first, *decays[1])
+            decay = first * second
+            if np.array_equal(decay, last):
+                break
+            last, driven = decay, (1.0 - first) * second * early + (1.0 - second) * late
+            driven[0], band[1, :-1] = logged[0], -decay[1:]
+            columns = driven[:, None]
+            of_rotor = scipy.linalg.lapack.dtbtrs(band, columns, uplo="L", diag="U", overwrite_b=True)[0][
+                :, 0
+            ]
+        state[:, rotor] = of_rotor
     return state
 
 
@@ -200,13 +201,14 @@ def low_passed(values: Columns, *, step_s: float, cutoff_hz: float) -> Columns:
     bends = np.diff([0.0, 0.0, *ramp], 2) / step_s
     start = values[0]
     moved = values - start
-    driven = np.zeros_like(moved)
+    driven = np.zeros(moved.shape, order="F")
     for late, weight in enumerate(np.convolve([1.0, first, second], bends)[:3]):
         driven[late:] += weight * moved[: moved.shape[0] - late]
-    band = np.empty((3, values.shape[0]))
+    band = np.empty((3, values.shape[0]), order="F")
     band[0], band[1], band[2] = 1.0, first, second
-    filtered: Columns = scipy.linalg.lapack.dtbtrs(band, driven, uplo="L", diag="U")[0]
-    return filtered + start
+    filtered: Columns = scipy.linalg.lapack.dtbtrs(band, driven, uplo="L", diag="U", overwrite_b=True)[0]
+    filtered += start
+    return filtered
 
 
 #: So many samples to each side make the line; a second of a slow log, and too short for a clock to drift.
