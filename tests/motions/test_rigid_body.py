@@ -10,6 +10,7 @@ import pytest
 from coarse_search import coarse
 from eivor.flights.lag_prior import NO_LAG
 from eivor.flights.motion import of_vehicle
+from eivor.flights.quantity import QuantityEstimate
 from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.inference.verdict import Status
@@ -389,6 +390,16 @@ def test_drag_below_zero_is_none():
     row = physical_parameters(exact(values), known_of(QUADROTOR)).numbers["roll_drag"]
     assert row.value < 0.0
     assert "not the air's drag" in row.sentence
+
+
+def test_physical_parameters_reach_as_far_as_what_they_are_made_of():
+    """A drag from 0.1 to 2.3 1/s made one of 0.14 to 1.20 N/(m/s)."""
+    errors, known = with_errors(combinations_of(QUADROTOR), 0.01), known_of(QUADROTOR)
+    value, (low, _) = errors.value("drag_z").value, errors.interval("drag_z")
+    wide = errors.reaching({"drag_z": QuantityEstimate(value, "1/s", 0.0, (low, 4.0 * value))})
+    plain, reaching = (physical_parameters(item, known).numbers["drag_z"].interval for item in (errors, wide))
+    further = known.mass.value * (4.0 * value - errors.interval("drag_z")[1])
+    assert reaching == pytest.approx((plain[0], plain[1] + further))
 
 
 def _contradictions(change=(), yaw_error=0.001, **given):

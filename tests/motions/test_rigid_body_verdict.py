@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.models.separable import LaggedReferences, NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body import regression, verdict
-from eivor.motions.rigid_body.motion import FULL_BAND_HZ, RigidBody, in_full_band
+from eivor.motions.rigid_body.motion import FULL_BAND_HZ, in_full_band
 from eivor.motions.rigid_body.vehicle import KnownNumber, vehicle_from_record
 from eivor.report.saved_fit import SavedFit, load_fit
 from eivor.report.terminal import on_terminal
@@ -31,7 +32,7 @@ from eivor.signals.recording import Recording
 from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import RigidBodyFlight
 from eivor.simulation.rigid_body_spec import Logged, Sensors, TorqueDisturbance
-from motions.turning_logs import BODY, CRAZYFLIE, DELAY_KNOWN, body_flown, combinations, known
+from motions.turning_logs import BODY, CRAZYFLIE, DELAY_KNOWN, body_flown, combinations
 
 ROTORS = CRAZYFLIE.vehicle.rotors
 DIRECT = "whitened_least_squares"
@@ -195,40 +196,25 @@ def test_total_least_squares_is_not_attenuated_by_noise_of_speeds():
     assert all(abs(error) < 0.5 * abs(other) for error, other in zip(known, plain, strict=True))
 
 
-# Logs that have not passed the filters of the vehicle file, and logs that have.
-
-CUTOFF_HZ = 80.0
-
-
-@pytest.mark.parametrize(
-    ("without", "said"),
-    [
-        ({"gyro_cutoff_hz": 40.0}, "the gyroscope's filter of the vehicle file: without it"),
-        (
-            dict.fromkeys(verdict.FILTERS, 40.0),
-            "the gyroscope's and the accelerometer's filters of the vehicle file",
-        ),
-    ],
-)
-def test_they_are_told_by_the_numbers_of_a_result(without, said):
-    filters_not_passed = verdict.contradicting_filters(281.2, without)
-    assert said in filters_not_passed.sentence
-    assert "instead of 281" in filters_not_passed.sentence
-    assert all(key in filters_not_passed.remedy for key in without)
+def test_weak_instruments_move_no_further_than_to_least_squares():
+    """With F below 1 a thrust gain of 6.8e-6 had the interval [0, 103]; output errors need no instruments."""
+    parts = {"assembler": SimpleNamespace(needs_instruments=True), "equation": SimpleNamespace(variance=1.0)}
+    numbers = {"jacobian": np.eye(2), "residuals": np.array([1.0, 2.0]), "first_stage": np.array([0.4, 11.0])}
+    names = {"names": ("thrust_gain", "drag_z"), "prior_rows": lambda: np.empty((0, 2))}
+    by_references = SimpleNamespace(**parts, **numbers, **names, method="reference_iv")
+    shifts = verdict.possible_shifts(by_references, None)
+    assert (*shifts["thrust_gain"], *shifts["drag_z"]) == pytest.approx((1.0, 0.0, 0.2, 0.0))
+    by_references.method += "+output_error"
+    assert not verdict.possible_shifts(by_references, None)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("passed", [False, True])
-def test_a_filter_that_was_not_passed_is_told(passed):
-    filtered = replace(CRAZYFLIE.sensors.angular_rate, cutoff_hz=CUTOFF_HZ)
-    sensor = filtered if passed else CRAZYFLIE.sensors.angular_rate
-    log = body_flown(duration=8.0, seed=2, sensors=replace(CRAZYFLIE.sensors, angular_rate=sensor)).recording
-    motion = RigidBody(known(gyro_cutoff_hz=CUTOFF_HZ, delay=KnownNumber(0.0)))
-    result = identify_flight(log, model=motion)
-    reasons = result.verdict.reasons
-    reasons_kept = [reason for reason in reasons if "passed the gyroscope's filter" in reason.sentence]
-    assert len(reasons_kept) == (0 if passed else 1)
-    assert all(reason.status is Status.WEAK for reason in reasons_kept)
+def test_a_drag_below_zero_is_no_drag():
+    wrong = QuantityEstimate(-0.3, "1/s", 0.1, (-0.5, -0.1))
+    chosen = Instruments(LaggedReferences(("reference_roll",)))
+    inputs = VerdictInputs((), 100.0, 100.0, chosen, quantities={"drag_y": wrong})
+    rules = [item for item in verdict.all_rules(regression.QUANTITIES) if item.quantities == ("drag_y",)]
+    said = [item.reason(inputs) for item in rules if item.when(inputs)]
+    assert [item.status for item in said if "below zero" in item.sentence] == [Status.WEAK]
 
 
 STEP_S, ONBOARD_CUTOFF_HZ = 0.002, 30.0

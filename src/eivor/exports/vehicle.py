@@ -453,7 +453,7 @@ def _identified(fitted: Fitted) -> Combinations:
         nothing = JointCovariance((CovariancePart("nothing", np.empty((0, 0))),))
         return Combinations((), JointEstimate(np.empty(0), nothing))
     names = frozenset(name for name in fitted.names if fitted.is_identified(name))
-    return Combinations(fitted.names, fitted.joint).only(names)
+    return Combinations(fitted.names, fitted.joint).only(names).reaching(fitted.quantities)
 
 
 # -- Quad x --

@@ -312,7 +312,9 @@ class Abilities:
     #: How the flights were flown, for JSON: what simulating another one needs
     closed_loop_record: Callable[[Any, Estimate, Flights], Mapping[str, object]] | None = None
     #: What follows from a vehicle's description
-    implications: Callable[[Estimate], Implications] = lambda _estimate: Implications()
+    implications: Callable[[Estimate, Mapping[str, Quantity]], Implications] = lambda _fit, _quantities: (
+        Implications()
+    )
     #: With the input at lag and delay
     signals: Callable[[PreparedFlight, float, float], Signals] = lambda flight, _lag_s, _delay_s: (
         flight.signals

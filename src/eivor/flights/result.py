@@ -337,7 +337,7 @@ class FlightEstimate:
         """What follows from the estimate and from what was supplied; nothing from one that is refused."""
         if self.fit is None or self.verdict.status is Status.REFUSED:
             return Implications()
-        made = self.motion.abilities.implications(self.fit.estimate)
+        made = self.motion.abilities.implications(self.fit.estimate, self.quantities)
         return replace(made, numbers=tuple(map(self._judged, made.numbers)))
 
     def _judged(self, number: Implied) -> Implied:

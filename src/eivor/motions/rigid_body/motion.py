@@ -10,14 +10,14 @@ import numpy as np
 
 from eivor.errors import DataError, EstimationError, InputError, UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod, first_steps
+from eivor.estimation.linear import OUTPUT_ERROR, LinearMethod, first_steps
 from eivor.estimation.methods import by_name
 from eivor.flights import motion
 from eivor.flights.grid import Active, Grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS, joint_quantities, lag_quantities
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
-from eivor.flights.quantity import Implications, QuantityEstimate, Trace, Words, flight_card
+from eivor.flights.quantity import Implications, Quantity, QuantityEstimate, Trace, Words, flight_card
 from eivor.flights.timestamps import with_corrected_stamps
 from eivor.inference.distributions import normal_quantile
 from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, AxisColumns, LaggedRuns
@@ -27,7 +27,7 @@ from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, rate_panel,
 from eivor.motions.rigid_body import verdict
 from eivor.motions.rigid_body.compatibility import comparisons, in_still_air, with_one_clock
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
-from eivor.motions.rigid_body.output_error import refined_by_output_error
+from eivor.motions.rigid_body.output_error import NOT_NEGATIVE, refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.predict import rigid_body_prediction
 from eivor.motions.rigid_body.regression import (
@@ -427,7 +427,6 @@ class RigidBody(motion.Motion[LaggedRuns]):
     """Turning about three axes and the force along them, behind the lag of the rotors."""
 
     vehicle: KnownVehicle | None = None
-    pooled: bool = False
 
     name = "rigid-body"
     words = WORDS
@@ -446,7 +445,6 @@ class RigidBody(motion.Motion[LaggedRuns]):
                 lambda record: replace(self, vehicle=vehicle_from_record(record)),
             ),
             check=lambda _options: self.known_vehicle,
-            for_flights=lambda flights, _options: replace(self, pooled=len(flights) > 1),
             refined=refined,
             prediction=motion.Prediction(
                 simple_models,
@@ -494,12 +492,15 @@ class RigidBody(motion.Motion[LaggedRuns]):
             **lag_quantities(problem, estimate),
             **{name: _bound(*pair) for name, pair in estimate.left_out.items()},
         }
+        if OUTPUT_ERROR in estimate.method:  # it searches for no drag below zero
+            results |= {name: replace(results[name], lowest=0.0) for name in {*results} & NOT_NEGATIVE}
         return {name: results[name] for name in QUANTITIES if name in results}
 
-    def _implications(self, estimate: Estimate) -> Implications:
+    def _implications(self, estimate: Estimate, quantities: Mapping[str, Quantity]) -> Implications:
         if self.vehicle is None:
             return Implications()
-        parameters = physical_parameters(Combinations.of_estimate(estimate), self.vehicle)
+        combinations = Combinations.of_estimate(estimate).finite().reaching(quantities)
+        parameters = physical_parameters(combinations, self.vehicle)
         return Implications(tuple(parameters.numbers.values()), parameters.contradictions)
 
     def checks(
@@ -511,12 +512,10 @@ class RigidBody(motion.Motion[LaggedRuns]):
         if order is not None:
             return verdict.RigidBodyChecks(order, filter_early_s=early_s)
         wind = verdict.steady_wind(problem, estimate.nuisances, flights)
-        lags, filters = verdict.lag_consistency_test(estimate), None
-        if not (self.pooled and len(flights) == 1):  # the whole pool is asked about filters, not its flights
-            filters = verdict.filters_not_passed(problem, estimate, flights, self.known_vehicle)
+        lags = verdict.lag_consistency_test(estimate)
         by_wind = verdict.half_widths_by_wind(problem, estimate, flights, self.known_vehicle)
-        others = early_s, by_wind, verdict.possible_shifts(estimate, lags)
-        return verdict.RigidBodyChecks(None, wind, lags, filters, *others)
+        shifts = verdict.possible_shifts(estimate, lags)
+        return verdict.RigidBodyChecks(None, wind, lags, early_s, by_wind, shifts)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]

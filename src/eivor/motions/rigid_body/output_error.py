@@ -53,7 +53,7 @@ _UNITS = ("m",) * 3 + ("m/s",) * 3 + ("rad",) * 3 + ("rad/s",) * 3
 CORE = (*GAIN, *OFFSET, THRUST, *DRAG)
 ALWAYS = frozenset(item.name for item in (*CORE, ACTUATOR_LAG, DELAY))
 #: What only takes energy out.
-_POSITIVE = (*DAMPING, *DRAG, *QUADRATIC_DRAG)
+NOT_NEGATIVE = frozenset(item.name for item in (*DAMPING, *DRAG, *QUADRATIC_DRAG))
 
 
 def difference(states: States, measured: States) -> Float[np.ndarray, "... 12 starts"]:
@@ -285,7 +285,7 @@ class Structure:
     @property
     def bounds(self) -> tuple[Vector, Vector]:
         known = {ACTUATOR_LAG.name: LAGS_S, DELAY.name: EARLY_S if self.measured else DELAYS_S}
-        known |= {item.name: (0.0, np.inf) for item in _POSITIVE}
+        known |= dict.fromkeys(NOT_NEGATIVE, (0.0, np.inf))
         known[ASYMMETRY.name] = (float(ASYMMETRIES[0]), float(ASYMMETRIES[1]))
         pairs = [known.get(name, (-np.inf, np.inf)) for name in self.kept]
         low, high = np.array([*pairs, *[(-OFFSETS_S, OFFSETS_S)] * self.clocks.size]).T
@@ -334,11 +334,11 @@ class Structure:
 
     def _wider(self, at: Linearised) -> Structure:
         """With the terms that it wants as well, one after the other."""
-        positive, index, ratios = {item.name for item in _POSITIVE}, len(self.kept), {"": 0.0}
+        index, ratios = len(self.kept), {"": 0.0}
         for name in self.seen:
             if name not in self.kept:
                 change, covariance = self.alone(at, name)
-                wrong = name in positive and change[index] < 0.0
+                wrong = name in NOT_NEGATIVE and change[index] < 0.0
                 ratios[name] = 0.0 if wrong else change[index] ** 2 / max(covariance[index, index], 1e-300)
         best = max(ratios, key=lambda name: ratios[name])
         return self if ratios[best] <= AKAIKE else replace(self, kept=(*self.kept, best))._wider(at)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -66,11 +67,26 @@ class Combinations:
 
     names: tuple[str, ...]  # Such as ``roll_gain``
     joint: JointEstimate
+    #: How much further intervals reach below and above than the covariance says
+    beyond: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @classmethod
     def of_estimate(cls, estimate: Estimate) -> Combinations:
         """Those of an estimate, under their names in it."""
         return cls(estimate.names, JointEstimate(estimate.values, estimate.joint_covariance))
+
+    def reaching(self, quantities: Mapping[str, Any]) -> Combinations:
+        """The same with intervals at least as wide as those of a result."""
+        beyond = {}
+        for name in self.names:
+            if name in quantities:
+                (low, high), value, own = quantities[name].interval, quantities[name].value, self.value(name)
+                reach = (
+                    value - low - (own.value - own.interval[0]),
+                    high - value - (own.interval[1] - own.value),
+                )
+                beyond[name] = (max(reach[0], 0.0), max(reach[1], 0.0))
+        return replace(self, beyond=beyond)
 
     def finite(self) -> Combinations:
         """Those that have a finite value with a finite variance, whatever is assumed."""
@@ -84,9 +100,8 @@ class Combinations:
         at = [position for position, name in enumerate(self.names) if name in names]
         parts = self.joint.covariance.parts
         kept = JointCovariance(tuple(replace(part, matrix=part.matrix[np.ix_(at, at)]) for part in parts))
-        return Combinations(
-            tuple(self.names[item] for item in at), JointEstimate(self.joint.values[at], kept)
-        )
+        names, joint = tuple(self.names[item] for item in at), JointEstimate(self.joint.values[at], kept)
+        return replace(self, names=names, joint=joint)
 
     def has(self, *names: str) -> bool:
         """Whether all of these were identified."""
@@ -123,10 +138,17 @@ class Combinations:
             return float(evaluate(exact | dict(zip(order, values * sizes, strict=True))))
 
         joint = _part_of(self.joint, index, tuple(uncertain.values()), sizes)
-        straight = derived_from(of_vector, joint, level, math.inf)
-        if straight.bend <= largest_bend:
-            return straight
-        return _by_logarithm(of_vector, joint, level) or derived_from(of_vector, joint, level, largest_bend)
+        result = derived_from(of_vector, joint, level, math.inf)
+        if result.bend > largest_bend:
+            by_logarithm = _by_logarithm(of_vector, joint, level)
+            result = by_logarithm or derived_from(of_vector, joint, level, largest_bend)
+        low, high = result.interval
+        for number, name in enumerate(formula.needed):
+            below, above = self.beyond.get(name, (0.0, 0.0))
+            ends = joint.values + np.outer((-below, above), np.eye(sizes.size)[number]) / sizes
+            moves = [0.0, *(of_vector(end) - result.value for end in ends)] if below or above else [0.0]
+            low, high = low + min(moves), high + max(moves)
+        return replace(result, interval=(low, high))
 
 
 def _by_logarithm(function: OfVector, joint: JointEstimate, level: float) -> DerivedQuantity | None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from eivor.errors import DataError, EstimationError
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.linear import OUTPUT_ERROR
 from eivor.estimation.methods import by_name, identify
 from eivor.flights import verdict
 from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities
@@ -29,7 +30,6 @@ from eivor.models.lagged_runs import (
     DELAY,
     LAGS_UP_AND_DOWN,
     STAGES,
-    AxisColumns,
     LaggedRuns,
 )
 from eivor.models.regression import Parameter
@@ -229,14 +229,7 @@ def with_gyroscopic_moments(models: Mapping[str, SimpleModel], fit: str) -> dict
     return {name: with_moments(model) for name, model in models.items()}
 
 
-# -- Onboard filters --
-
-#: Filters that a vehicle file may name, and what they are of.
-FILTERS = {"gyro_cutoff_hz": "the gyroscope's", "accelerometer_cutoff_hz": "the accelerometer's"}
-#: References that agree by this p-value need no explanation.
-DISAGREE = 0.001
-#: Their J must fall to this share of itself without a filter that the log has not passed.
-FAR_BETTER = 0.5
+# -- Consistency of lags --
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,72 +240,6 @@ class Contradiction:
     remedy: str
     numbers: Mapping[str, float]  # The same as numbers of a result
 
-
-def contradicting_filters(with_all: float, without: Mapping[str, float]) -> Contradiction:
-    """Filters without which the references agree far better, by their J with and without."""
-    which, many = " and ".join(FILTERS[key] for key in without), len(without) > 1
-    fall = ", ".join(f"{J:.3g}" for J in without.values())
-    return Contradiction(
-        f"The log does not look as if it had passed {which} filter{'s' * many} of the vehicle file: "
-        f"without {'each' if many else 'it'} the references disagree far less (J {fall} instead of "
-        f"{with_all:.3g}).",
-        f"Take {' and '.join(without)} out of the vehicle file where the log is not filtered.",
-        {"filters_j": with_all} | {f"{key}_left_out_j": J for key, J in without.items()},
-    )
-
-
-def _remade(
-    problem: LaggedRuns,
-    estimate: Estimate,
-    columns: Sequence[AxisColumns],
-    flights: Sequence[PreparedFlight],
-    vehicle: KnownVehicle,
-) -> tuple[AxisColumns, ...]:
-    """Columns made anew of other flights or another vehicle, with the instruments and bands of a problem."""
-    made, spin = rigid_body_problem(tuple(flights), vehicle, NoInstruments()), rotor_inertia_ratios(problem)
-    chosen = [item for item in PRODUCT if item in problem.parameters]
-    made = with_products(made, estimate.parameters, chosen)
-    made = made if spin is None else with_common_rotor_inertia(made, spin)
-    pairs = zip(made.columns, columns, strict=True)
-    return tuple(replace(new, instruments=old.instruments, band_hz=old.band_hz) for new, old in pairs)
-
-
-def filters_not_passed(
-    problem: LaggedRuns, estimate: Estimate, flights: Sequence[PreparedFlight], vehicle: KnownVehicle
-) -> Contradiction | None:
-    """Filters of the vehicle file that flights have not passed; None where nothing says so."""
-    named = [key for key in FILTERS if getattr(vehicle, key) is not None]
-    if not named or not estimate.assembler.needs_instruments:
-        return None
-    with_all, p_value = estimate.over_identification
-    if not p_value <= DISAGREE:
-        return None
-    number = max(range(len(flights)), key=lambda item: flights[item].used_s)
-    of_flight = tuple(column for column in problem.columns if column.flight == number)
-
-    def disagreement(columns: Sequence[AxisColumns]) -> float:
-        """J of the references; infinite where nothing can be identified."""
-        try:
-            runs = replace(problem, columns=tuple(columns))
-            return identify(runs, by_name(estimate.method)).over_identification[0]
-        except EstimationError:
-            return math.inf
-
-    if len(flights) > 1:
-        with_all = disagreement(of_flight)
-    if not math.isfinite(with_all):
-        return None
-    without = {}
-    for key in named:
-        unfiltered: KnownVehicle = replace(vehicle, **{key: None})  # type: ignore[arg-type]
-        without[key] = disagreement(
-            _remade(problem, estimate, of_flight, flights[number : number + 1], unfiltered)
-        )
-    without = {key: J for key, J in without.items() if FAR_BETTER * with_all > J}
-    return contradicting_filters(with_all, without) if without else None
-
-
-# -- Consistency of lags --
 
 #: Axes that rotors drive, and what they are called.
 DRIVEN = {ROLL_EQUATION: "roll", PITCH_EQUATION: "pitch", YAW_EQUATION: "yaw", FORCE_Z_EQUATION: "thrust"}
@@ -551,8 +478,16 @@ def half_widths_by_wind(
     at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
 
     def by(flying: Sequence[PreparedFlight]) -> Float[np.ndarray, " k"]:
-        columns = _remade(problem, estimate, problem.columns, flying, vehicle)
-        runs = replace(problem, columns=columns, nuisances=at, warm_start=None)
+        made, spin = (
+            rigid_body_problem(tuple(flying), vehicle, NoInstruments()),
+            rotor_inertia_ratios(problem),
+        )
+        chosen = [item for item in PRODUCT if item in problem.parameters]
+        made = with_products(made, estimate.parameters, chosen)
+        made = made if spin is None else with_common_rotor_inertia(made, spin)
+        pairs = zip(made.columns, problem.columns, strict=True)
+        columns = [replace(new, instruments=old.instruments, band_hz=old.band_hz) for new, old in pairs]
+        runs = replace(problem, columns=tuple(columns), nuisances=at, warm_start=None)
         return identify(runs, by_name(estimate.method)).theta
 
     changes = []
@@ -571,6 +506,10 @@ def half_widths_by_wind(
 
 # -- Weak instruments and lags that disagree --
 
+#: Of two-stage least squares the bias is the share 1 / F of that of least squares (Staiger and Stock 1997):
+#: half of it by this F. What is less sure than that is said by sets which hold for weak instruments.
+HALF_F = 2.0
+
 
 def possible_shifts(estimate: Estimate, lags: Contradiction | None) -> dict[str, tuple[float, float]]:
     """By how much each parameter may be lower and higher: at lags of single axes, or by weak instruments."""
@@ -579,14 +518,13 @@ def possible_shifts(estimate: Estimate, lags: Contradiction | None) -> dict[str,
         near, lag = np.abs(sizes) <= FAR * lags.numbers["lag_of_all_s"], ACTUATOR_LAG.name
         errors = estimate.joint_covariance.parts[0].matrix[estimate.names.index(lag)]
         shifts = np.outer(sizes[near], errors / errors[estimate.names.index(lag)])
-    elif estimate.assembler.needs_instruments:
+    elif estimate.assembler.needs_instruments and OUTPUT_ERROR not in estimate.method:
         known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
         rows = np.vstack([estimate.jacobian, known])
         residual, lengths = np.pad(estimate.residuals, (0, len(known))), np.linalg.norm(rows, axis=0)
         lengths[lengths == 0.0] = 1.0
         changes = np.linalg.lstsq(rows / lengths, residual)[0] / lengths
-        # from two-stage least squares the share 1 / F of what least squares would change is taken off
-        shifts = -(changes / np.maximum(estimate.first_stage - 1.0, 1e-9))[None]
+        shifts = -(changes / (np.maximum(estimate.first_stage, HALF_F) - 1.0))[None]
     else:
         return {}
     results = dict(zip(estimate.names, shifts.T, strict=True))
@@ -611,14 +549,13 @@ class RigidBodyChecks(verdict.MotionChecks):
     order: Contradiction | None = None
     wind: Contradiction | None = None
     lags: Contradiction | None = None
-    filters: Contradiction | None = None
     filter_early_s: float = 0.0  # By what the gyroscope's filter may be less late than it is taken to be [s]
     by_wind: Mapping[str, float] = field(default_factory=dict)  # Half-widths by the errors of winds
     shifts: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # See `possible_shifts`
 
     @property
     def numbers(self) -> dict[str, float]:
-        parts = (self.order, self.wind, self.lags, self.filters)
+        parts = (self.order, self.wind, self.lags)
         return {name: value for part in parts if part is not None for name, value in part.numbers.items()}
 
 
@@ -650,6 +587,8 @@ LIMITS = {
     **dict.fromkeys([item.name for item in (*DAMPING, *DRAG, FRICTION, LIFT)], SLOW_LIMIT),
     **dict.fromkeys([item.name for item in COUPLING], COUPLING_LIMIT),
 }
+_DRAGS = tuple(item.name for item in (*DRAG, *QUADRATIC_DRAG))
+_NO_DRAG = "a disturbance that goes with the motion, such as wind, not the air's drag"
 #: What a steady wind makes wrong: the drags across.
 ACROSS = tuple(item.name for item in (*DRAG[:2], *QUADRATIC_DRAG[:2]))
 
@@ -698,7 +637,6 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
         verdict.seconds_rule(LEAST_S),
         _check_rule("order", status=Status.REFUSED),
         _check_rule("lags"),
-        _check_rule("filters"),
         _check_rule("wind", ACROSS),
         *verdict.lag_rules(LAG_LIMIT, wording[EFFECTIVE_LAG]),
         *(rule for name in LAGS_UP_AND_DOWN for rule in LAG_LIMIT.rules(name, wording[name])),
@@ -708,6 +646,8 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
         if name in (*LAGS, *STAGES, ASYMMETRY.name):
             continue
         rules += verdict.flight_rules(FLIGHT_WORDS, (name,), ())
+        if name in _DRAGS:
+            rules.append(verdict.below_zero_rule(name, wording[name], Status.WEAK, _NO_DRAG, FLY))
         if name in _GAINS:
             plain, wrong = replace(wording[name], unit=""), _what_is_wrong(name)
             rules.append(verdict.below_zero_rule(name, plain, Status.REFUSED, wrong, CORRECT_ROTORS))
