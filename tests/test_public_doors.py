@@ -17,6 +17,11 @@ from scipy.signal import lfilter
 import eivor as ev
 import shape_checks
 from eivor.errors import EivorError
+from eivor.estimation.estimate import Estimate
+from eivor.flights.result import FlightEstimate
+from eivor.models.frequency_response import FrequencyResponse
+from eivor.planning.plan import FlightPlan, MachinePlan
+from eivor.report.validation import Validation
 from fleets.fleet_rows import row, write_fleet
 
 #: What is given in place of a right argument, each under the name that `ACCEPTED` calls it.
@@ -394,3 +399,9 @@ def test_methods_of_results_and_rooms_tell_wrong_types_too(every_door):
     assert len(named) >= 30
     for door, parts in named.items():
         check(door, *parts)
+
+
+def test_results_are_text():
+    results = (FlightPlan, MachinePlan, Validation, FrequencyResponse, FlightEstimate, Estimate)
+    assert all(callable(getattr(item, "summary", None)) for item in results)
+    assert callable(Validation._repr_html_)

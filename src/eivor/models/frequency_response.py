@@ -378,6 +378,19 @@ class FrequencyResponse:
             raise EstimationError("a response that is shown somewhere", "none", "Fly a sweep.")
         return python_control().FRD(self.response[mask], 2.0 * np.pi * self.frequency_hz[mask])
 
+    def summary(self) -> str:
+        """Table of the frequencies that are shown, and the findings."""
+        lines = [f"{'f [Hz]':>8} {'|G|':>10} {'low':>10} {'high':>10} {'phase':>8} {'+-':>6} {'r,u':>5}"]
+        for index in np.flatnonzero(self.is_shown).tolist():
+            low, high = self.bands[0][index]
+            early, late = np.rad2deg(self.bands[1][index])
+            value, angle = abs(self.response[index]), np.rad2deg(np.angle(self.response[index]))
+            lines.append(
+                f"{self.frequency_hz[index]:8.3f} {value:10.4g} {low:10.4g} {high:10.4g} "
+                f"{angle:8.1f} {(late - early) / 2:6.1f} {self.points.coherence[index]:5.2f}"
+            )
+        return "\n".join([*lines, *self.findings])
+
 
 def frequency_response(
     u: Arrays,

@@ -254,6 +254,18 @@ class FlightPlan:
             return "{:.3g} to {:.3g}".format(*(target.scale * end for end in USUAL[target.number]))
         return "" if target.relative else f"{self.predicted[word].value:.3g}"
 
+    def summary(self) -> str:
+        """Setpoint, expected half-widths and what the simulated flights reached, as plain text."""
+        lines = [self.sentence]
+        for word, item in self.predicted.items():
+            target = TARGETS[word]
+            taken = self.taken(word)
+            of = taken and f" (of {taken})"
+            lines.append(f"{target.words:<18}± {item.half_width:.2g} {target.unit}{of}")
+        low, high, speed = self.reached
+        lines.append(f"heights {low:.1f} to {high:.1f} m above take-off, up to {speed:.1f} m/s")
+        return "\n".join(lines)
+
     def __repr__(self) -> str:
         return f"<FlightPlan for the {self.predicted[self.target].words}: {self.sentence}>"
 
@@ -392,6 +404,14 @@ class MachinePlan:
         widths = (f"{item.words} within ± {item.half_width:.2g} {item.unit}".strip() for item in self._sought)
         where = " and ".join(self.references)
         return f"{self.time_s.size * STEP_S:g} s of {self.shape.words} in {where}: {' and '.join(widths)}."
+
+    def summary(self) -> str:
+        """References and expected half-widths, as plain text."""
+        rows = (
+            f"{item.words:<18}{item.value:.3g} ± {item.half_width:.2g} {item.unit}".rstrip()
+            for item in self.predicted.values()
+        )
+        return "\n".join([self.sentence, *rows])
 
     def __repr__(self) -> str:
         return f"<MachinePlan for {self.machine.name}: {self.sentence}>"

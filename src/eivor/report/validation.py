@@ -29,13 +29,13 @@ from eivor.report import figure_panels as plots
 from eivor.report.document import Document, Facts, Section, TableColumn, TableOf, shortened, table
 from eivor.report.document import Figure as DocumentFigure
 from eivor.report.figures import prediction_page, prediction_panels
-from eivor.report.flight import prediction_parts
+from eivor.report.flight import prediction_parts, prediction_rows
 from eivor.report.json_document import Json, JsonPrediction, document, json_text, prediction_json
 from eivor.report.outputs import saved_of
 from eivor.report.rows import NO_NUMBER, QuantityRow
 from eivor.report.saved_fit import SavedFit
 from eivor.signals.recording import Recording
-from eivor.tools import Float, printable
+from eivor.tools import Float, html_table, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -160,6 +160,7 @@ class Validation:
     def _farthest(self) -> tuple[ModelPrediction, list[ModelPrediction]]:
         """Prediction of the fit at the farthest horizon, and those that it is held against."""
         farthest, *others = self.by_quantity[-1]
+        # one step ahead least squares leave the least, whatever they mean
         return farthest, others if farthest.horizon is Horizon.OPEN_LOOP else []
 
     @property
@@ -195,8 +196,30 @@ class Validation:
             return f"{text}; {' and '.join(better)} leave{'s' if len(better) == 1 else ''} less."
         return f"{text}{', and leaves less than the simpler models' if others else ''}."
 
+    def summary(self) -> str:
+        """Errors of every prediction as plain text."""
+        lines = [self._title, self.sentence]
+        for what, by, rms, unit, share in _rows(self):
+            lines.append(f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}")
+        steps = self.multi_step_prediction
+        for what, by, unit, *errors in prediction_rows(steps) if steps else ():
+            lines.append(f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in errors)}")
+        return "\n".join(lines)
+
+    @property
+    def _title(self) -> str:
+        return f"{self.motion.words.title}, {self.flight.recording.name}"
+
     def __repr__(self) -> str:
         return f"<Validation of {self.flight.recording.name!r}: {self.sentence}>"
+
+    def _repr_html_(self) -> str:
+        steps = self.multi_step_prediction
+        titles: tuple[str, ...] = ("prediction", "model", "RMS error", "unit", "explained")
+        if steps is not None:
+            titles = ("error of", "model", "unit", *(f"{item:g} s" for item in steps.horizons_s))
+        rows = _rows(self) if steps is None else prediction_rows(steps)
+        return html_table(self._title, titles, rows, self.sentence)
 
     def to_json(self) -> str:
         """Text of the JSON document that ``eivor validate --json`` writes, see docs/json.md."""
@@ -459,8 +482,8 @@ def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> TableOf:
     columns = ("quantity", number("fit"), interval, number("flight"), interval, "unit", "p-value")
     for item in comparisons:
         wording = item.fit.wording
-        against = ": contradicts" * item.contradicts
-        p_value = "not compared" if math.isnan(item.p_value) else f"{item.p_value:.2g}{against}"
+        p_value = f"{item.p_value:.2g}{': contradicts' if item.contradicts else ''}"
+        p_value = "not compared" if math.isnan(item.p_value) else p_value
         unit = wording.shown_unit or wording.unit
         rows.append((wording.words, *item.fit.texts, *item.flight.texts, unit, p_value))
     return table(columns, rows)

@@ -80,10 +80,10 @@ class Combinations:
         beyond = {}
         for name in self.names:
             if name in quantities:
-                (low, high), value, own = quantities[name].interval, quantities[name].value, self.value(name)
+                (low, high), value, here = quantities[name].interval, quantities[name].value, self.value(name)
                 reach = (
-                    value - low - (own.value - own.interval[0]),
-                    high - value - (own.interval[1] - own.value),
+                    value - low - (here.value - own.interval[0]),
+                    high - value - (here.interval[1] - own.value),
                 )
                 beyond[name] = (max(reach[0], 0.0), max(reach[1], 0.0))
         return replace(self, beyond=beyond)
