@@ -81,7 +81,7 @@ def bounds_of(suite_study: SuiteStudy) -> dict[str, float]:
         return {}
     scenario = experiment.scenario
     try:
-        if not scenario.controlled:
+        if scenario.control is None:
             return cramer_rao(scenario).relative
         relatives = [
             cramer_rao(open_loop(scenario, seed), runs=1).relative for seed in range(CONTROLLED_RUNS)

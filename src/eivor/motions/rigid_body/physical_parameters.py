@@ -82,8 +82,8 @@ class Combinations:
             if name in quantities:
                 (low, high), value, here = quantities[name].interval, quantities[name].value, self.value(name)
                 reach = (
-                    value - low - (here.value - own.interval[0]),
-                    high - value - (here.interval[1] - own.value),
+                    value - low - (here.value - here.interval[0]),
+                    high - value - (here.interval[1] - here.value),
                 )
                 beyond[name] = (max(reach[0], 0.0), max(reach[1], 0.0))
         return replace(self, beyond=beyond)
