@@ -366,6 +366,7 @@ def test_a_heading_that_guidance_computes_from_the_track_is_no_reference(declare
     assert [words in item.sentence for item in reasons if item.status is Status.PROVISIONAL] == [True]
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_standstill_by_the_measured_speed_is_weak_above_a_third():
     rule = next(item for item in ev.load_machine("rover").rules if item.status is Status.WEAK)
     for moving, weak in ((6, True), (8, False)):

@@ -196,6 +196,7 @@ def test_total_least_squares_is_not_attenuated_by_noise_of_speeds():
     assert all(abs(error) < 0.5 * abs(other) for error, other in zip(known, plain, strict=True))
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_weak_instruments_move_no_further_than_to_least_squares():
     """With F below 1 a thrust gain of 6.8e-6 had the interval [0, 103]; output errors need no instruments."""
     parts = {"assembler": SimpleNamespace(needs_instruments=True), "equation": SimpleNamespace(variance=1.0)}
