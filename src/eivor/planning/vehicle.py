@@ -339,9 +339,10 @@ def vehicle_of_result(
 
 
 def _within(name: str, numbers: Mapping[str, float]) -> float:
-    """A number as far as it may go, or the usual one."""
+    """A number as far as it may go, or the usual one, which results hold where nothing is identified."""
     usual: float = getattr(VehicleGuess, name)
-    return float(np.clip(numbers[name], *checks.ranges_of(VehicleGuess)[name])) if name in numbers else usual
+    given = numbers.get(name, usual)
+    return usual if given == usual else float(np.clip(given, *checks.ranges_of(VehicleGuess)[name]))
 
 
 def _hover(value: float, input_map: str) -> float:
