@@ -111,6 +111,8 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
     fixed = {item.name: item.first for item in problem.nuisances if item.name not in joint}
     joint |= {name: QuantityEstimate(value, "s", 0.0, (value, value)) for name, value in fixed.items()}
     lag, delay = joint[ACTUATOR_LAG.name], joint[DELAY.name]
+    if all(item.first >= 0.0 for item in problem.nuisances if item.name == DELAY.name):  # of commands
+        delay = replace(delay, lowest=0.0)
     value, searched = lag.value + delay.value, [name for name in LAG_SUMS[EFFECTIVE_LAG] if name not in fixed]
     if len(searched) == 2:
         effective = _lag_along(estimate, value, np.sum([*map(estimate.direction, searched)], axis=0))
