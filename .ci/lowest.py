@@ -171,7 +171,7 @@ def use(installed: Installed, modules: list[str]) -> None:
     installed.run("-c", BAGS, PYTHONPATH=f"{ROOT / 'tests' / 'logs'}{os.pathsep}{ROOT / 'tests'}")
     for bag in ("mavros.bag", "mcap", "sqlite"):
         installed.eivor("identify", bag, codes=(0, 3))  # 20 s are too short for more than weak
-    installed.eivor("simulate", "closed-loop", "--out", "simulated.csv")
+    installed.eivor("simulate", "closed-loop", "--out", "simulated.parquet")
     for study in sorted((ROOT / "examples" / "studies").glob("*.toml")):
         installed.eivor("study", str(study), "--runs", "4")
     installed.eivor("example", "list")
