@@ -139,7 +139,10 @@ def test_without_velocity_only_drag_along_z_is_told_and_it_is_said(flight):
 def test_what_is_supplied_makes_physical_parameters_and_what_is_not_is_said(flight, fit):
     mass = CRAZYFLIE.vehicle.mass
     motion = RigidBody(known(mass=KnownNumber(mass, 0.01 * mass), arm_scale=KnownNumber(1.0)))
-    follows = {number.name: number for number in motion.abilities.implications(fit.fit.estimate).numbers}
+    follows = {
+        number.name: number
+        for number in motion.abilities.implications(fit.fit.estimate, fit.quantities).numbers
+    }
     for axes, truth in zip(("xx", "yy", "zz"), CRAZYFLIE.vehicle.inertia, strict=True):
         low, high = follows[f"inertia_{axes}"].interval
         assert low - 0.01 * truth <= truth <= high + 0.01 * truth
