@@ -13,6 +13,7 @@ import numpy as np
 from eivor import checks
 from eivor.errors import InputError, UsageError
 from eivor.estimation.estimate import Estimate, derived_from
+from eivor.estimation.weighting import residual_spectrum
 from eivor.flights import verdict
 from eivor.flights.grid import Active, Grid, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES, LEVEL, ratio_quantity
@@ -52,6 +53,7 @@ from eivor.motions.equation import (
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
+from eivor.signals.signals import Signals
 from eivor.tools import Bool, Complex, Float, capitalised
 
 # -- Parts of a declaration --
@@ -518,9 +520,9 @@ class Machine(DeclaredMotion):
         return max(map(lagging, lags), key=partial(_strength, _sought(first)))
 
     def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> MachineChecks:
-        used = problem.instrument_bins.shape[1] > 0 and bool(np.isfinite(estimate.first_stage).any())
-        names = flights[0].usable_references if used else ()
-        return MachineChecks({name: _answers(problem, estimate, flights, name) for name in names})
+        return MachineChecks(
+            _answers(problem, estimate, flights) if estimate.assembler.needs_instruments else {}
+        )
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         results = dict(super().derive(problem, estimate))
@@ -659,11 +661,7 @@ class MachineChecks(verdict.MotionChecks):
 
 ANSWERING = verdict.Rule(
     (),
-    lambda inputs: (
-        inputs.instruments.exogenous
-        and isinstance(inputs.checks, MachineChecks)
-        and bool(inputs.checks.answering)
-    ),
+    lambda inputs: inputs.instruments.exogenous and bool(inputs.checks.answering),
     Status.PROVISIONAL,
     lambda inputs: (
         f"What disturbs the machine predicts its reference ({inputs.checks.answering}, p-value "
@@ -674,43 +672,48 @@ ANSWERING = verdict.Rule(
 )
 
 
-def _answers(problem: LaggedRuns, estimate: Estimate, flights: Flights, name: str) -> float:
-    """P-value of the test that the residual is none of what a reference's future adds to its past."""
-    past, future = [], []
-    for flight in flights:
-        series, step_s = np.nan_to_num(flight.signals.channel(name)), flight.signals.step_s
-        lags = [lag_s for lag_s in ANSWER_LAGS_S if lag_s >= 2.0 * step_s]
-        lagging = [first_order_lag(series, step_s=step_s, lag_s=lag_s) for lag_s in lags]
-        pairs = zip(lagging, lags, strict=True)
-        twice = [first_order_lag(item, step_s=step_s, lag_s=lag_s) for item, lag_s in pairs]
-        leading = [first_order_lag(series[::-1], step_s=step_s, lag_s=lag_s)[::-1] for lag_s in lags]
-        past.append(np.column_stack([series, *lagging, *twice]))
-        future.append(np.column_stack(leading))
-    bins, at = problem.bins(estimate.nuisances), estimate.nuisances
-    left = bins.residuals(estimate.theta)
-    left = left[:, np.argmin(np.median(np.abs(left), axis=0))]
-    searched = [item for item in problem.nuisances if item.searched]
-    slopes = [
-        item.derivative(lambda to: problem.bins(to).regressors @ estimate.theta, at) for item in searched
-    ]
-    weight = 1.0 / np.sqrt(bins.layout.smoothed(np.abs(left[:, None]) ** 2))
+def _answers(problem: LaggedRuns, estimate: Estimate, flights: Flights) -> dict[str, float]:
+    """P-values of tests that the residual is none of what the future of a reference adds to its past."""
+    at, theta = estimate.nuisances, estimate.theta
+    bins = problem.bins(at)
+    blend, power = residual_spectrum(bins, bins.residuals(theta))
 
     def rows(columns: Complex[np.ndarray, "bins k"]) -> Float[np.ndarray, "rows k"]:
-        whitened = columns * (np.sqrt(2.0) * weight)
-        made = np.concatenate([whitened.real, whitened.imag])
-        return made / np.maximum(np.linalg.norm(made, axis=0), 1e-300)
+        made = bins.layout.stacked(columns / np.sqrt(power)[:, None])
+        return made / np.maximum(np.linalg.norm(made, axis=0), np.finfo(np.float64).tiny)
 
-    instruments = rows(bins.instruments)
-    known = _range(np.column_stack([rows(problem.spectra(past)), instruments]))
-    added = rows(problem.spectra(future))
-    added = added - known @ (known.T @ added)
-    # what the estimate takes from the residual
-    X, Q = rows(np.column_stack([bins.regressors, *slopes])), _range(instruments)
-    added = added - np.linalg.pinv(Q @ (Q.T @ X)).T @ (X.T @ added)
-    directions, residual = _range(added, 1e-3), rows(left[:, None])
-    count = residual.shape[0] * bins.layout.independent
-    statistic = count * float(((directions.T @ residual) ** 2).sum())
-    return chi_square_tail(statistic, directions.shape[1])
+    searched = [item for item in problem.nuisances if item.searched]
+    slopes = [item.derivative(lambda to: problem.bins(to).regressors @ theta, at) for item in searched]
+    whole = bins.whitened_rows(blend, power, bins.regressors)
+    residual = whole[:, 0] - whole[:, 1:] @ theta
+    X, instruments = rows(np.column_stack([bins.regressors, *slopes])), rows(bins.instruments)
+    Q = _range(instruments)
+    by_estimate = np.linalg.pinv(Q @ (Q.T @ X)).T  # what the estimate takes from the residual
+    count, results = residual.size * bins.layout.independent, {}
+    for name in flights[0].usable_references:
+        past, future = zip(*(_past_and_future(flight.signals, name) for flight in flights), strict=True)
+        known = _range(np.column_stack([rows(problem.spectra(past)), instruments]))
+        added = rows(problem.spectra(future))
+        added -= known @ (known.T @ added)
+        added -= by_estimate @ (X.T @ added)
+        directions = _range(added, 1e-3)
+        share = float(((directions.T @ residual) ** 2).sum() / (residual @ residual or 1.0))
+        results[name] = chi_square_tail(count * share, directions.shape[1])
+    return results
+
+
+def _past_and_future(signals: Signals, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """A reference behind lags and pairs of lags, with itself, and behind lags of reversed time."""
+    series, step_s = np.nan_to_num(signals.channel(name)), signals.step_s
+    lags = [lag_s for lag_s in ANSWER_LAGS_S if lag_s >= 2.0 * step_s]
+
+    def behind(values: Float[np.ndarray, " n"], lag_s: float) -> Float[np.ndarray, " n"]:
+        return first_order_lag(values, step_s=step_s, lag_s=lag_s)
+
+    lagging = [behind(series, lag_s) for lag_s in lags]
+    twice = map(behind, lagging, lags)
+    leading = [behind(series[::-1], lag_s)[::-1] for lag_s in lags]
+    return np.column_stack([series, *lagging, *twice]), np.column_stack(leading)
 
 
 def _step_s(inputs: verdict.VerdictInputs) -> float:

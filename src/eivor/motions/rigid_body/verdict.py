@@ -476,13 +476,11 @@ def half_widths_by_wind(
 ) -> dict[str, float]:
     """What the errors of winds that were taken out are to each parameter, at the lag of the estimate."""
     at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
+    spin = rotor_inertia_ratios(problem)
+    chosen = [item for item in PRODUCT if item in problem.parameters]
 
     def by(flying: Sequence[PreparedFlight]) -> Float[np.ndarray, " k"]:
-        made, spin = (
-            rigid_body_problem(tuple(flying), vehicle, NoInstruments()),
-            rotor_inertia_ratios(problem),
-        )
-        chosen = [item for item in PRODUCT if item in problem.parameters]
+        made = rigid_body_problem(tuple(flying), vehicle, NoInstruments())
         made = with_products(made, estimate.parameters, chosen)
         made = made if spin is None else with_common_rotor_inertia(made, spin)
         pairs = zip(made.columns, problem.columns, strict=True)
