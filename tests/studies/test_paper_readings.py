@@ -215,7 +215,6 @@ def test_tables_have_measured_beside_printed():
         (("--runs", "1"), "two runs or more"),
         (("--readings", "none-such"), "readings out of"),
         (("--workers", "-1"), "workers of zero or more"),
-        (("--json", "/nowhere/at/all.json"), "does not exist"),
     ],
 )
 def test_wrong_usage_is_told_before_anything_runs(arguments, message, monkeypatch):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -27,6 +26,7 @@ from eivor.cli.outputs import (
     Writes,
     complain,
     completion,
+    deliver,
     deliver_result,
     flag,
     guarded,
@@ -34,6 +34,7 @@ from eivor.cli.outputs import (
     option,
     output_file,
     progress_bar,
+    show,
     step,
     write,
     write_out,
@@ -88,7 +89,6 @@ def paper(
         ),
     ] = "",
     workers: Annotated[int | None, option("N", "Processes; default: one for each core.")] = None,
-    json: JsonOption = "",
 ) -> ExitCode:
     """Run examples 1 and 2 of the paper that Eivor started from, and print measured beside printed.
 
@@ -104,21 +104,18 @@ def paper(
         raise UsageError(expected, f"--runs {runs} --workers {workers or 0}", "The paper has 100 runs.")
     for path in drawings.figure_files(_folder(out)) if out else ():
         output_file(str(path), option="--out")
-    start_s, results = time.perf_counter(), []
+    results = []
     with progress_bar("examples") as progress:
         for result in run_paper(chosen, runs=runs, workers=workers or None):
             results.append(result)
             progress(len(results), 2 * len(chosen))
-    seconds = time.perf_counter() - start_s
-
     groups = drawings.by_reading(results)
     nearest_group = groups[drawings.nearest(results)]
-    deliver_result(
-        lambda: _paper_report(results, [*groups.values()] if named else [nearest_group], whole=bool(named)),
-        lambda: json_text(drawings.paper_document(results, seconds=seconds)),
-        json,
-        *([partial(_draw, Path(out), lambda: drawings.paper_figures(nearest_group))] if out else []),
-    )
+    chosen_groups = [*groups.values()] if named else [nearest_group]
+    parts = [lambda: show(_paper_report(results, chosen_groups, whole=bool(named)))]
+    if out:
+        parts.append(partial(_draw, Path(out), lambda: drawings.paper_figures(nearest_group)))
+    deliver(*parts)
     return ExitCode.IDENTIFIED
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +21,6 @@ from eivor.lab.study import TOGETHER, Share, Spread, StudyResult, scores, trial_
 from eivor.motions.table import wording_of
 from eivor.report import figure_panels as plots
 from eivor.report.figures import signals_figure
-from eivor.report.json_document import Json, plain
 from eivor.report.terminal import heading
 from eivor.signals.signals import Signals
 from eivor.tools import Float, printable
@@ -348,51 +346,3 @@ def _plain(*columns: str) -> Table:
     for column in columns:
         table.add_column(Text(column), no_wrap=True)
     return table
-
-
-def paper_document(results: Sequence[paper.PaperResult], *, seconds: float) -> dict[str, Json]:
-    """Document of the study, ready for `json_text`."""
-    made = {
-        "schema": "eivor.paper/1",
-        "version": version("eivor"),
-        "runs": len(results[0].estimates),
-        "seed": paper.SEED,
-        "seconds": seconds,
-        "verdict": verdict_sentence(results),
-        "readings": [_reading(group) for group in by_reading(results).values()],
-    }
-    return plain(made)
-
-
-def _reading(group: Sequence[paper.PaperResult]) -> Json:
-    choices, results = asdict(group[0].reading), paper.nearness(group)
-    return {
-        "name": choices.pop("name"),
-        "choices": choices,
-        "means_off_by": results.means,
-        "sds_off_by": results.spreads,
-        "printed_means_met": results.agreeing,
-        "examples": [_example(result) for result in group],
-    }
-
-
-def _example(result: paper.PaperResult) -> Json:
-    return {
-        "number": result.example.number,
-        "methods": {
-            method: {
-                "failed": result.failed(method),
-                "weak": result.weak_runs(method),
-                "nrmse": _spreads(result.spreads(method)),
-                "printed": _spreads(result.example.printed.get(method, ())),
-            }
-            for method in paper.METHODS
-        },
-    }
-
-
-def _spreads(spreads: Sequence[Spread]) -> Json:
-    return {
-        name: {"mean": spread.mean, "sd": spread.std}
-        for name, spread in zip(paper.SCORES, spreads, strict=False)
-    }
