@@ -55,29 +55,6 @@ def number(name: str, value: object) -> None:
         raise UsageError(f"a number below 1.8e308 for {name}", described(value), "Correct the call.")
 
 
-def within(given: object, ranges: Mapping[str, tuple[float, float]], remedy: str) -> None:
-    """Refuse attributes that are no numbers, or out of their ranges."""
-    for name, (low, high) in ranges.items():
-        value = getattr(given, name)
-        number(name, value)
-        if not low <= value <= high:
-            raise ParameterError(f"{name} between {low:g} and {high:g}", f"{float(value):g}", remedy)
-
-
-@cache
-def ranges_of(kind: Callable[..., object]) -> dict[str, tuple[float, float]]:
-    """Least and largest value of each number that a class annotates with them."""
-    hints = get_type_hints(kind, include_extras=True)
-    annotated = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
-    return {name: given[0] for name, given in annotated.items() if given and isinstance(given[0], tuple)}
-
-
-def in_ranges(given: object, remedy: str) -> None:
-    """Refuse attributes out of the ranges that they are annotated with: `Annotated[float, (0.0, 1.0)]`."""
-    made_by: Callable[..., object] = type(given)
-    within(given, ranges_of(made_by), remedy)
-
-
 def whole(name: str, value: object) -> None:
     """Refuse what is no whole number, and what no count of anything can be."""
     if isinstance(value, bool):
@@ -220,3 +197,41 @@ def non_negative(name: str, *values: float, remedy: str = REMEDY) -> None:
     for value in values:
         sound = math.isfinite(value) and value >= 0.0
         require(sound, f"a finite {name} of zero or more", f"{name}={value}", remedy)
+
+
+def given(name: str, *values: object, remedy: str = REMEDY) -> None:
+    """Refuse an empty list."""
+    require(bool(values), f"one or more {name}", "none", remedy)
+
+
+def between(name: str, value: object, low: float, high: float, remedy: str) -> None:
+    """Refuse what is no number, or out of its range."""
+    number(name, value)
+    assert isinstance(value, NUMBERS)  # noqa: S101 - `number` has refused anything else
+    require(bool(low <= value <= high), f"{name} between {low:g} and {high:g}", f"{float(value):g}", remedy)
+
+
+@cache
+def annotated(made_by: Callable[..., object]) -> dict[str, tuple[Any, ...]]:
+    """What a class annotates its fields with, beside their types."""
+    hints = get_type_hints(made_by, include_extras=True)
+    return {name: hint.__metadata__ for name, hint in hints.items() if hasattr(hint, "__metadata__")}
+
+
+def in_ranges(checked: object, remedy: str = REMEDY) -> None:
+    """Refuse attributes that are not as they are annotated: with a range, or with checks of this module.
+
+    Such as `Annotated[float, (0.0, 1.0)]`, `Annotated[float, positive]`, or `Annotated[tuple[float, ...],
+    given, (finite, "level")]` with the word for one of several.
+    """
+    made_by: Callable[..., object] = type(checked)
+    for name, rules in annotated(made_by).items():
+        value = getattr(checked, name)
+        values = value if isinstance(value, tuple) else (value,)
+        for rule in rules:
+            if callable(rule):
+                rule(name, *values, remedy=remedy)
+            elif callable(rule[0]):
+                rule[0](rule[1], *values, remedy=remedy)
+            else:
+                between(name, value, rule[0], rule[1], remedy)

@@ -5,19 +5,22 @@ from __future__ import annotations
 from bisect import bisect_left
 from dataclasses import dataclass
 from itertools import zip_longest
+from typing import Annotated
 
 import numpy as np
 
-from eivor.checks import finite, non_negative, positive, require
+from eivor.checks import finite, given, in_ranges, non_negative, positive, require
 from eivor.simulation.environment import gusts
 from eivor.simulation.excitation import (
     Disturbance,
+    Finite,
     GivenSeries,
+    Positive,
+    Size,
     at_least,
     autoregression,
     constant,
     equally_many,
-    given,
     largest_root,
     settling,
 )
@@ -28,14 +31,13 @@ from eivor.tools import Float
 class CoefficientCourse:
     """Course of a coefficient over a record: mean + amplitude sin(2 pi cycles k / N + phase)."""
 
-    mean: float = 0.0  # Pure numbers
-    amplitude: float = 0.0
-    cycles: float = 1.0  # Periods in the record of N samples
-    phase: float = 0.0  # At the first sample [rad]
+    mean: Finite = 0.0  # Pure numbers
+    amplitude: Finite = 0.0
+    cycles: Finite = 1.0  # Periods in the record of N samples
+    phase: Finite = 0.0  # At the first sample [rad]
 
     def __post_init__(self) -> None:
-        for name in ("mean", "amplitude", "cycles", "phase"):
-            finite(name, getattr(self, name))
+        in_ranges(self)
 
     def values(self, count: int) -> Float[np.ndarray, " count"]:
         """Coefficient at each sample of a record of that length."""
@@ -51,14 +53,13 @@ CHECKED = 257
 class Arma(Disturbance):
     """Autoregressive moving average, stationary from its first sample."""
 
-    std: float  # Standard deviation of the shocks w, in the unit of the equation
-    autoregression: tuple[float, ...] = ()  # a_1, a_2, ..
-    moving_average: tuple[float, ...] = ()  # b_1, b_2, ..
+    std: Size  # Standard deviation of the shocks w, in the unit of the equation
+    # a_1, a_2, ... and b_1, b_2, ...
+    autoregression: Annotated[tuple[float, ...], (finite, "coefficient of autoregression")] = ()
+    moving_average: Annotated[tuple[float, ...], (finite, "coefficient of moving_average")] = ()
 
     def __post_init__(self) -> None:
-        non_negative("std", self.std)
-        finite("coefficient of autoregression", *self.autoregression)
-        finite("coefficient of moving_average", *self.moving_average)
+        Disturbance.__post_init__(self)
         root = largest_root(np.array(self.autoregression))
         require(
             root < 1.0,
@@ -91,13 +92,13 @@ class Arma(Disturbance):
 class TimeVaryingArma(Disturbance):
     """Autoregressive moving average whose coefficients depend on time; zero before the record."""
 
-    std: float  # Standard deviation of the shocks w, in the unit of the equation
+    std: Size  # Standard deviation of the shocks w, in the unit of the equation
     # Of a_1, a_2, ... and b_1, b_2, ...
     autoregression: tuple[CoefficientCourse, ...] = ()
     moving_average: tuple[CoefficientCourse, ...] = ()
 
     def __post_init__(self) -> None:
-        non_negative("std", self.std)
+        Disturbance.__post_init__(self)
         courses = self._coefficients(self.autoregression, CHECKED)
         root = max((largest_root(row) for row in courses), default=0.0)
         expected = "an autoregression that is stationary at every time of the record"
@@ -121,16 +122,13 @@ class RandomCoefficientMovingAverage(Disturbance):
     """x[k] = sum_j c_j(k) w[k-j], j = 1, 2, ..., with coefficients drawn anew at each sample."""
 
     # Of the normal coefficients c_1, c_2, ... (the paper's: 0 and 3, 1 and 1)
-    means: tuple[float, ...] = (0.0, 3.0)
-    stds: tuple[float, ...] = (1.0, 1.0)
-    std: float = 1.0  # Standard deviation of w, in the unit of the equation
+    means: Annotated[tuple[float, ...], given, (finite, "mean of a coefficient")] = (0.0, 3.0)
+    stds: Annotated[tuple[float, ...], (non_negative, "std of a coefficient")] = (1.0, 1.0)
+    std: Size = 1.0  # Standard deviation of w, in the unit of the equation
 
     def __post_init__(self) -> None:
-        given("means", self.means)
+        Disturbance.__post_init__(self)
         equally_many("means", self.means, "stds", self.stds)
-        finite("mean of a coefficient", *self.means)
-        non_negative("std of a coefficient", *self.stds)
-        non_negative("std", self.std)
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         order = len(self.means)
@@ -145,11 +143,8 @@ class RandomCoefficientMovingAverage(Disturbance):
 class Trend(Disturbance):
     """Polynomial of the time in the record, counted from -1 at its first sample to 1 at its last."""
 
-    coefficients: tuple[float, ...]  # Of the powers 0, 1, ..., in the unit of the equation
-
-    def __post_init__(self) -> None:
-        given("coefficients", self.coefficients)
-        finite("coefficient", *self.coefficients)
+    # Of the powers 0, 1, ..., in the unit of the equation
+    coefficients: Annotated[tuple[float, ...], given, (finite, "coefficient")]
 
     def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         return np.polynomial.polynomial.polyval(np.linspace(-1.0, 1.0, count), np.array(self.coefficients))
@@ -159,18 +154,16 @@ class Trend(Disturbance):
 class Sinusoids(Disturbance):
     """sum_i amplitude_i sin(frequency_i t + phase_i)."""
 
-    amplitudes: tuple[float, ...]  # In the unit of the equation
-    frequencies: tuple[float, ...]  # Angular [rad/s]
-    phases: tuple[float, ...] = ()  # At the first sample [rad]; zero when left out
+    amplitudes: Annotated[tuple[float, ...], given, (finite, "amplitude")]  # In the unit of the equation
+    frequencies: Annotated[tuple[float, ...], (non_negative, "frequency")]  # Angular [rad/s]
+    # At the first sample [rad]; zero when left out
+    phases: Annotated[tuple[float, ...], (finite, "phase")] = ()
 
     def __post_init__(self) -> None:
-        given("amplitudes", self.amplitudes)
+        Disturbance.__post_init__(self)
         equally_many("amplitudes", self.amplitudes, "frequencies", self.frequencies)
         if self.phases:
             equally_many("amplitudes", self.amplitudes, "phases", self.phases)
-        finite("amplitude", *self.amplitudes)
-        non_negative("frequency", *self.frequencies)
-        finite("phase", *self.phases)
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         t = step_s * np.arange(count)
@@ -187,15 +180,13 @@ class BoundedAdversary(Disturbance):
     and it need not have mean zero.
     """
 
-    bound: float  # Largest absolute value, in the unit of the equation
-    longest_s: float  # Period at the beginning and at the end of the record [s]
-    shortest_s: float
+    bound: Size  # Largest absolute value, in the unit of the equation
+    longest_s: Positive  # Period at the beginning and at the end of the record [s]
+    shortest_s: Positive
     high_share: float = 0.5  # Share of each period that is spent at the upper bound, from 0 to 1
 
     def __post_init__(self) -> None:
-        non_negative("bound", self.bound)
-        positive("longest_s", self.longest_s)
-        positive("shortest_s", self.shortest_s)
+        Disturbance.__post_init__(self)
         received = f"shortest_s={self.shortest_s}, longest_s={self.longest_s}"
         require(self.shortest_s <= self.longest_s, "a shortest_s up to longest_s", received)
         require(0.0 <= self.high_share <= 1.0, "a high_share from 0 to 1", f"high_share={self.high_share}")
@@ -212,17 +203,14 @@ class GivenDisturbance(GivenSeries, Disturbance):
     """A user's own series, from its beginning."""
 
     # At the rate of the record, in the unit of the equation; at least as many as it has samples
-    values: tuple[float, ...]
+    values: Annotated[tuple[float, ...], given, (finite, "value")]
 
 
 @dataclass(frozen=True, slots=True)
 class SumOfDisturbances(Disturbance):
     """Several independent disturbances at once."""
 
-    parts: tuple[Disturbance, ...]  # Each draws from a stream of its own
-
-    def __post_init__(self) -> None:
-        given("parts", self.parts)
+    parts: Annotated[tuple[Disturbance, ...], given]  # Each draws from a stream of its own
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         drawn = zip(self.parts, rng.spawn(len(self.parts)), strict=True)
@@ -247,12 +235,8 @@ def paper_disturbance(std: float = 1.0) -> SumOfDisturbances:
 class OrnsteinUhlenbeck(Disturbance):
     """Normal series whose correlation falls exponentially; the longitudinal turbulence of MIL-F-8785C."""
 
-    std: float  # Standard deviation, in the unit of what it disturbs
-    correlation_s: float  # Time in which the correlation falls to 1/e [s]
-
-    def __post_init__(self) -> None:
-        non_negative("std", self.std)
-        positive("correlation_s", self.correlation_s)
+    std: Size  # Standard deviation, in the unit of what it disturbs
+    correlation_s: Positive  # Time in which the correlation falls to 1/e [s]
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         known = {"step_s": step_s, "rms": self.std, "correlation_s": self.correlation_s}
@@ -267,15 +251,14 @@ class ThresholdMovingAverage(Disturbance):
     """
 
     # Ascending, in the unit of the equation; a value on a threshold belongs to the regime below
-    thresholds: tuple[float, ...]
+    thresholds: Annotated[tuple[float, ...], given, (finite, "threshold")]
     # b_1, b_2, ... of each regime, from the lowest to the highest: one more than thresholds
     coefficients: tuple[tuple[float, ...], ...]
     delay: int = 1  # Samples back to the value that chooses the regime, one or more
-    std: float = 1.0  # Standard deviation of the shocks w, in the unit of the equation
+    std: Size = 1.0  # Standard deviation of the shocks w, in the unit of the equation
 
     def __post_init__(self) -> None:
-        given("thresholds", self.thresholds)
-        finite("threshold", *self.thresholds)
+        Disturbance.__post_init__(self)
         ascending = all(a < b for a, b in zip(self.thresholds, self.thresholds[1:], strict=False))
         require(ascending, "ascending thresholds", f"thresholds={self.thresholds}")
         expected = f"coefficients of {len(self.thresholds) + 1} regimes, one more than thresholds"
@@ -285,7 +268,6 @@ class ThresholdMovingAverage(Disturbance):
             equally_many("coefficients of the first regime", self.coefficients[0], "of another one", regime)
             finite("coefficient", *regime)
         at_least("delay", self.delay, 1)
-        non_negative("std", self.std)
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation, after as many unused samples as regime and shocks reach back, tenfold."""
@@ -307,12 +289,12 @@ class ThresholdMovingAverage(Disturbance):
 class BilinearTerm:
     """b x[k - series_lag] w[k - shock_lag]."""
 
-    coefficient: float
+    coefficient: Finite
     series_lag: int = 2
     shock_lag: int = 1
 
     def __post_init__(self) -> None:
-        finite("coefficient", self.coefficient)
+        in_ranges(self)
         at_least("shock_lag", self.shock_lag, 1)
         expected = "a series_lag above shock_lag, so that the two factors are independent"
         received = f"series_lag={self.series_lag}, shock_lag={self.shock_lag}"
@@ -326,12 +308,11 @@ class Bilinear(Disturbance):
     Uncorrelated, but not independent: its extremes come from its own past.
     """
 
-    terms: tuple[BilinearTerm, ...]  # One or more
-    std: float = 1.0  # Standard deviation of the shocks w, in the unit of the equation
+    terms: Annotated[tuple[BilinearTerm, ...], given]  # One or more
+    std: Size = 1.0  # Standard deviation of the shocks w, in the unit of the equation
 
     def __post_init__(self) -> None:
-        given("terms", self.terms)
-        non_negative("std", self.std)
+        Disturbance.__post_init__(self)
         expected = "std times the sum of the coefficients' sizes below one, so that the series is stationary"
         require(self._growth < 1.0, expected, f"{self._growth**0.5:.4g}", "Make some of them smaller.")
 
@@ -356,16 +337,16 @@ class Bilinear(Disturbance):
 class Garch(Disturbance):
     """x[k] = sqrt(h[k]) w[k], h[k] = floor + sum_i a_i x[k-i]^2 + sum_j b_j h[k-j]; ARCH without b."""
 
-    floor: float  # Constant part of the variance, above zero, in the square of the equation's unit
-    shocks: tuple[float, ...]  # a_1, a_2, ..., zero or more
-    persistence: tuple[float, ...] = ()  # b_1, b_2, ..., zero or more
+    floor: Positive  # Constant part of the variance, above zero, in the square of the equation's unit
+    # a_1, a_2, ..., zero or more
+    shocks: Annotated[tuple[float, ...], (non_negative, "coefficient of shocks")]
+    # b_1, b_2, ..., zero or more
+    persistence: Annotated[tuple[float, ...], (non_negative, "coefficient of persistence")] = ()
     # Squares beyond it count as it, which keeps a heavy-tailed series finite
     largest_square: float | None = None
 
     def __post_init__(self) -> None:
-        positive("floor", self.floor)
-        non_negative("coefficient of shocks", *self.shocks)
-        non_negative("coefficient of persistence", *self.persistence)
+        Disturbance.__post_init__(self)
         if self.largest_square is not None:
             positive("largest_square", self.largest_square)
         total = sum(self.shocks) + sum(self.persistence)
@@ -414,12 +395,11 @@ class VarianceSwitch(Disturbance):
     """Another disturbance whose variance is multiplied from some time of the record on."""
 
     series: Disturbance  # What it is before
-    factor: float = 10.0  # Of the variance, afterwards
-    at: float = 0.5  # When, as a share of the record, from 0 to 1
+    factor: Size = 10.0  # Of the variance, afterwards
+    at: Finite = 0.5  # When, as a share of the record, from 0 to 1
 
     def __post_init__(self) -> None:
-        non_negative("factor", self.factor)
-        finite("at", self.at)
+        Disturbance.__post_init__(self)
         require(0.0 <= self.at <= 1.0, "a share of the record from 0 to 1", f"at={self.at}")
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:

@@ -294,7 +294,7 @@ class Fuller(ErrorsInColumns):
     strength: float = 1.0  # a, zero for LIML
 
     def __post_init__(self) -> None:
-        checks.within(self, {"strength": (0.0, 1e6)}, "Use 1, or 4.")
+        checks.between("strength", self.strength, 0.0, 1e6, "Use 1, or 4.")
 
     def solve(self, system: LinearSystem) -> Solution:
         if system.error_degrees is None:

@@ -342,7 +342,7 @@ def _within(name: str, numbers: Mapping[str, float]) -> float:
     """A number as far as it may go, or the usual one, which results hold where nothing is identified."""
     usual: float = getattr(VehicleGuess, name)
     given = numbers.get(name, usual)
-    return usual if given == usual else float(np.clip(given, *checks.ranges_of(VehicleGuess)[name]))
+    return usual if given == usual else float(np.clip(given, *checks.annotated(VehicleGuess)[name][0]))
 
 
 def _hover(value: float, input_map: str) -> float:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Annotated, TypeAlias
 
 import numpy as np
 import scipy
 
-from eivor.checks import finite, non_negative, positive, require
+from eivor.checks import finite, given, in_ranges, non_negative, positive, require
 from eivor.errors import ParameterError
 from eivor.tools import Bool, Float
 
@@ -17,11 +17,6 @@ from eivor.tools import Bool, Float
 def at_least(name: str, value: int, least: int) -> None:
     """Refuse a count below `least`."""
     require(value >= least, f"{name} of {least} or more", f"{name}={value}")
-
-
-def given(name: str, values: Iterable[object]) -> None:
-    """Refuse an empty list."""
-    require(bool(tuple(values)), f"one or more {name}", "none")
 
 
 def equally_many(
@@ -39,8 +34,17 @@ def beginning_of(values: tuple[float, ...], count: int) -> Float[np.ndarray, " c
     return np.array(values[:count])
 
 
+#: A number of zero or more, above zero, of any size; several of any size.
+Size: TypeAlias = Annotated[float, non_negative]
+Positive: TypeAlias = Annotated[float, positive]
+Finite: TypeAlias = Annotated[float, finite]
+
+
 class Excitation(ABC):
     """A series on a uniform grid."""
+
+    def __post_init__(self) -> None:
+        in_ranges(self)
 
     @abstractmethod
     def sample(self, count: int, step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
@@ -51,10 +55,7 @@ class Excitation(ABC):
 class PaperInput(Excitation):
     """The paper's (35): u(t_k) = 0.7 w(t_{k-1}) + 0.49 w(t_{k-2}) + sin(0.1 t_k^1.1), t in seconds."""
 
-    variance: float = 0.02  # Variance of the white sequence w
-
-    def __post_init__(self) -> None:
-        non_negative("variance", self.variance)
+    variance: Size = 0.02  # Variance of the white sequence w
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         w = np.sqrt(self.variance) * rng.standard_normal(count + 2)
@@ -66,10 +67,7 @@ class PaperInput(Excitation):
 class WhiteExcitation(Excitation):
     """Independent normal values."""
 
-    std: float = 1.0  # Standard deviation
-
-    def __post_init__(self) -> None:
-        non_negative("std", self.std)
+    std: Size = 1.0  # Standard deviation
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         return self.std * rng.standard_normal(count)
@@ -79,13 +77,8 @@ class WhiteExcitation(Excitation):
 class SteppedExcitation(Excitation):
     """Levels that are held one after the other, over and over."""
 
-    levels: tuple[float, ...]  # In the order in which they come
-    dwell_s: float  # Time on each [s]
-
-    def __post_init__(self) -> None:
-        given("levels", self.levels)
-        finite("level", *self.levels)
-        positive("dwell_s", self.dwell_s)
+    levels: Annotated[tuple[float, ...], given, (finite, "level")]  # In the order in which they come
+    dwell_s: Positive  # Time on each [s]
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         # A step that falls on a sample, but for rounding, is taken there.
@@ -97,14 +90,12 @@ class SteppedExcitation(Excitation):
 class RandomSteps(Excitation):
     """Levels drawn one after the other: an amplitude up, down, or nothing."""
 
-    amplitude: float  # Of the levels that are not zero; those are two in three
-    shortest_s: float = 0.5  # Between these, each level's time is drawn [s]
-    longest_s: float = 1.5
+    amplitude: Size  # Of the levels that are not zero; those are two in three
+    shortest_s: Positive = 0.5  # Between these, each level's time is drawn [s]
+    longest_s: Finite = 1.5
 
     def __post_init__(self) -> None:
-        non_negative("amplitude", self.amplitude)
-        positive("shortest_s", self.shortest_s)
-        finite("longest_s", self.longest_s)
+        Excitation.__post_init__(self)
         received = f"shortest_s={self.shortest_s}, longest_s={self.longest_s}"
         require(self.shortest_s <= self.longest_s, "a shortest_s up to longest_s", received)
 
@@ -120,11 +111,8 @@ class RandomSteps(Excitation):
 class GivenSeries(Excitation):
     """A user's own series, from its beginning."""
 
-    values: tuple[float, ...]  # At the rate of the record, at least as many as it has samples
-
-    def __post_init__(self) -> None:
-        given("values", self.values)
-        finite("value", *self.values)
+    # At the rate of the record, at least as many as it has samples
+    values: Annotated[tuple[float, ...], given, (finite, "value")]
 
     def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         return beginning_of(self.values, count)
@@ -135,10 +123,7 @@ class ScaledExcitation(Excitation):
     """Another excitation, scaled to a standard deviation that each realisation has exactly."""
 
     series: Excitation  # Its shape
-    std: float  # Standard deviation over the record
-
-    def __post_init__(self) -> None:
-        non_negative("std", self.std)
+    std: Size  # Standard deviation over the record
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         series = self.series.sample(count, step_s, rng)
@@ -154,14 +139,14 @@ class FilteredWhite(Excitation):
     Filtered in the frequency domain: the series is periodic with the record. Mean zero.
     """
 
-    std: float  # Standard deviation in the mean over realisations
+    std: Size  # Standard deviation in the mean over realisations
     # The band [Hz], both ends included. It must hold a multiple of one over the record's duration, and end
     # below half the rate
-    low_hz: float
-    high_hz: float
+    low_hz: Size
+    high_hz: Positive
 
     def __post_init__(self) -> None:
-        _check_size_and_band("std", self.std, self.low_hz, self.high_hz)
+        _check_band(self)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         spectrum = np.fft.rfft(rng.standard_normal(count))
@@ -174,12 +159,12 @@ class FilteredWhite(Excitation):
 class Chirp(Excitation):
     """A sinus whose frequency grows linearly from one end of a band to the other over the record."""
 
-    amplitude: float  # Its peak
-    low_hz: float  # The band [Hz], which must end below half the rate
-    high_hz: float
+    amplitude: Size  # Its peak
+    low_hz: Size  # The band [Hz], which must end below half the rate
+    high_hz: Positive
 
     def __post_init__(self) -> None:
-        _check_size_and_band("amplitude", self.amplitude, self.low_hz, self.high_hz)
+        _check_band(self)
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         _check_rate(self.high_hz, step_s)
@@ -196,12 +181,12 @@ class Multisine(Excitation):
     deviation, as a chirp's (1.41) rather than as noise's.
     """
 
-    std: float  # Standard deviation of the sum over the record
-    low_hz: float  # The band [Hz], both ends included, as of filtered white noise
-    high_hz: float
+    std: Size  # Standard deviation of the sum over the record
+    low_hz: Size  # The band [Hz], both ends included, as of filtered white noise
+    high_hz: Positive
 
     def __post_init__(self) -> None:
-        _check_size_and_band("std", self.std, self.low_hz, self.high_hz)
+        _check_band(self)
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         inside = _bins(count, step_s, self.low_hz, self.high_hz)
@@ -212,10 +197,9 @@ class Multisine(Excitation):
         return self.std * count / np.sqrt(2.0 * lines) * np.fft.irfft(spectrum, count)
 
 
-def _check_size_and_band(name: str, size: float, low_hz: float, high_hz: float) -> None:
-    non_negative(name, size)
-    non_negative("low_hz", low_hz)
-    positive("high_hz", high_hz)
+def _check_band(excitation: FilteredWhite | Chirp | Multisine) -> None:
+    Excitation.__post_init__(excitation)
+    low_hz, high_hz = excitation.low_hz, excitation.high_hz
     require(low_hz <= high_hz, "a low_hz up to high_hz", f"low_hz={low_hz}, high_hz={high_hz}")
 
 
@@ -259,12 +243,12 @@ class PseudoRandomBinary(Excitation):
     The first value comes from the generator, by a shift along the period; the rest follows.
     """
 
-    amplitude: float  # Absolute value at every sample
+    amplitude: Size  # Absolute value at every sample
     register: int = 10  # Stages of the shift register, 2 to 16; the period is 2^register - 1 values
     hold: int = 1  # Samples for which each value is held
 
     def __post_init__(self) -> None:
-        non_negative("amplitude", self.amplitude)
+        Excitation.__post_init__(self)
         least, most = min(_TAPS), max(_TAPS)
         expected = f"a register of {least} to {most} stages"
         require(least <= self.register <= most, expected, f"register={self.register}")
@@ -291,7 +275,7 @@ class Disturbance(Excitation):
 class WhiteDisturbance(WhiteExcitation, Disturbance):
     """Uncorrelated Gaussian series."""
 
-    std: float  # Standard deviation, in the unit of the equation
+    std: Size  # Standard deviation, in the unit of the equation
 
 
 def autoregression(
@@ -332,14 +316,9 @@ def settling(ratio: float) -> int:
 class DrydenGust(Disturbance):
     """Vertical turbulence that a vehicle flies through."""
 
-    std: float  # In the unit of the equation: a vertical wind of W [m/s] pushes with K W [m/s^2]
-    length_m: float  # Scale length of the turbulence [m]; close to the ground, the height
-    airspeed_mps: float  # Speed at which it is met [m/s]
-
-    def __post_init__(self) -> None:
-        non_negative("std", self.std)
-        positive("length_m", self.length_m)
-        positive("airspeed_mps", self.airspeed_mps)
+    std: Size  # In the unit of the equation: a vertical wind of W [m/s] pushes with K W [m/s^2]
+    length_m: Positive  # Scale length of the turbulence [m]; close to the ground, the height
+    airspeed_mps: Positive  # Speed at which it is met [m/s]
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         from scipy.special import gammainc
