@@ -144,13 +144,13 @@ def _remark(change: ParameterChange) -> str:
         return ""
     (low, high), old = change.estimate.interval, change.old
     new, value = change.new, change.estimate.value
-    together = " Set it together with the curve." if new is not None and new.value != value else ""
+    moved = new is not None and new.value != value
+    end = ", by the curve in force. The new value belongs to the new curve: set both." if moved else "."
     if low <= old <= high:
-        return f"{old:.4g} is inside the interval.{together}"
-    what = change.parameter.words.split()[0]
-    outside, side = f"{old:.4g} is outside the interval", "higher" if value > old else "lower"
-    text = f"{outside}: {what} is {abs(value / old - 1.0):.0%} {side}." if old > 0.0 else f"{outside}."
-    return text + together
+        return f"{old:.4g} is inside the interval{end}"
+    what, side = change.parameter.words.split()[0], "higher" if value > old else "lower"
+    how_far = f": {what} is {abs(value / old - 1.0):.0%} {side}" if old > 0.0 else ""
+    return f"{old:.4g} is outside the interval{how_far}{end}"
 
 
 def _line(entry: CardEntry) -> CardLine:
