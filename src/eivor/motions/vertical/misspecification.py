@@ -212,10 +212,10 @@ class OmittedTerms:
     def report(self) -> tuple[tuple[str, str], ...]:
         """Terms that are missed, and the tests of the others."""
         message = [self.sentence(name) for name in self.differences if self.missed(name)]
-        others = {name: item for name, item in self.differences.items() if not self.missed(name)}
-        quiet = [f"{name.replace('_', ' ')} (p {item.p_value:.2g})" for name, item in others.items()]
-        if quiet:
-            message.append(f"not missed: {', '.join(quiet)}")
+        others = [(name, item.p_value) for name, item in self.differences.items() if not self.missed(name)]
+        for words, low, high in (("in doubt", 0.0, DOUBTFUL), ("not missed", DOUBTFUL, 2.0)):
+            named = [f"{name.replace('_', ' ')} (p {p:.2g})" for name, p in others if low <= p < high]
+            message += [f"{words}: {', '.join(named)}"] if named else []
         return (("left out", "; ".join(message)),) if message else ()
 
     def sentence(self, name: str) -> str:
