@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import files
 from itertools import chain
@@ -84,15 +84,12 @@ def fly(
         step_s=STEP_S,
         controller=together(AltitudeController, [item.follows for item in vehicles]),
     )
-    return [
-        ClosedLoopFlight(
-            shape,
-            motion.position[:, number],
-            motion.velocity[:, number],
-            vertical_recording(f"planned {shape.kind}", "plan", environment, motion, number),
-        )
-        for number, shape in enumerate(shapes)
-    ]
+    logs = (
+        vertical_recording(f"planned {x.kind}", "plan", environment, motion, n) for n, x in enumerate(shapes)
+    )
+    moved = zip(shapes, motion.position.T, motion.velocity.T, logs, strict=True)
+    # a log of an autopilot does not say when its commands were issued
+    return [ClosedLoopFlight(s, z, v, replace(log, parameters={})) for s, z, v, log in moved]
 
 
 def _regular_friction(vehicle: VehicleGuess) -> float:
