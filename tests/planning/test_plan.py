@@ -137,6 +137,7 @@ FLOWN = {
     "residual": {name: [1.0, 2.0] for name in ("frequency_hz", "force", "accelerometer", "velocity")},
     "controller": {"position_gain": 1.0, "velocity_gain": 2.0, "integral_gain": 0.1},
     "tilt_rms": 0.5,
+    "issue_times_known": True,
 }
 
 
@@ -148,6 +149,16 @@ def test_what_a_result_tells_is_planned_with_and_the_rest_is_usual():
     assert vehicle.requested == "friction"
     without = vehicle_of_result("vertical_motion", "square", QUANTITIES, {})
     assert replace(without, hover_input=0.5, requested="") == ev.VehicleGuess()
+
+
+def test_a_flight_is_planned_with_the_issue_times_that_its_log_has():
+    shape = next(candidates(LIMITS.duration_s, ("multisine",), 0)).within(LIMITS)
+    assert vehicle_of_result("vertical_motion", "square", QUANTITIES, FLOWN).issue_times_known
+    rough = ev.VehicleGuess(gust_rms=0.1)
+    flights = planning.fly([shape, shape], [replace(rough, issue_times_known=True), rough], [0, 0])
+    known, unknown = (ev.identify_flight(item.recording).quantities["effective_lag"] for item in flights)
+    assert not known.systematic_uncertainties
+    assert unknown.systematic_uncertainties[0].above == pytest.approx(0.005)  # half of a command period
 
 
 def test_numbers_that_nobody_gave_are_others_in_each_flight():

@@ -87,9 +87,12 @@ def fly(
     logs = (
         vertical_recording(f"planned {x.kind}", "plan", environment, motion, n) for n, x in enumerate(shapes)
     )
-    moved = zip(shapes, motion.position.T, motion.velocity.T, logs, strict=True)
-    # a log of an autopilot does not say when its commands were issued
-    return [ClosedLoopFlight(s, z, v, replace(log, parameters={})) for s, z, v, log in moved]
+    # the log of an autopilot mostly does not say when its commands were issued
+    logged = [
+        log if vehicle.issue_times_known else replace(log, parameters={})
+        for vehicle, log in zip(vehicles, logs, strict=True)
+    ]
+    return list(map(ClosedLoopFlight, shapes, motion.position.T, motion.velocity.T, logged))
 
 
 def _regular_friction(vehicle: VehicleGuess) -> float:

@@ -230,6 +230,7 @@ class VehicleGuess:
     tilt_rms: Annotated[float, (0.0, 0.2)] = 0.05  # Standard deviation of roll and of pitch [rad]
     #: Share of the drag that is quadratic: gusts push a vehicle harder the faster it moves
     quadratic_share: Annotated[float, (0.0, 1.0)] = UsualNumber(0.25)
+    issue_times_known: bool = False  # Whether its log, or a given rate, says when commands were issued
     densities: Densities | None = None  # What an estimate left; default: gusts and white noise as above
     controller: AltitudeController | None = None  # Of the height setpoint; default: one that suits the lag
     requested: str = field(default="", repr=False)  # What an estimate could not identify, a word of `TARGETS`
@@ -303,6 +304,7 @@ class FlownRecord(msgspec.Struct):
     controller: dict[str, float] | None = None
     tilt_rms: float = VehicleGuess.tilt_rms
     climb_rms: float = 0.0
+    issue_times_known: bool = False
 
 
 def vehicle_of_result(
@@ -326,6 +328,7 @@ def vehicle_of_result(
             viscous_friction=_within("viscous_friction", flight.taken),
             lag_s=_within("lag_s", flight.taken),
             tilt_rms=_within("tilt_rms", {"tilt_rms": flight.tilt_rms}),
+            issue_times_known=flight.issue_times_known,
             densities=None if left is None else Densities(**arrays, climb_rms=flight.climb_rms),
             controller=None if flight.controller is None else AltitudeController(**flight.controller),
             requested=next(unidentified, ""),

@@ -108,6 +108,7 @@ def closed_loop_record(
         "controller": controller_gains(problem, numbers, flights),
         "tilt_rms": float(np.sqrt(np.mean(np.arccos(np.clip(tilt, -1.0, 1.0)) ** 2) / 2.0)),
         "climb_rms": float(climbs.std()),
+        "issue_times_known": not any(flight.command_slack_s for flight in flights),
     }
 
 
