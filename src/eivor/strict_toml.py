@@ -7,6 +7,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -178,6 +179,11 @@ def read_toml(path: Path, what: str, error: type[InputError] = InputError) -> To
         reason = getattr(cause, "strerror", None) or str(cause)
         raise error(expected, f"'{path}', unreadable: {reason}", "Check the name.") from cause
     return toml_table(text, path, what, error)
+
+
+def package_tables(package: str, file: str = "sources.toml") -> dict[str, Any]:
+    """Tables of a file that comes with a package."""
+    return tomllib.loads((resources.files(package) / file).read_text(encoding="utf-8"))
 
 
 def toml_table(text: str, path: Path, what: str, error: type[InputError] = InputError) -> TomlTable:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Annotated, Any
@@ -58,8 +56,8 @@ from eivor.report.saved_fit import fit_among, load_fits
 from eivor.report.terminal import on_terminal
 from eivor.report.validation import validate as validated
 from eivor.report.validation import validation_document
+from eivor.strict_toml import package_tables
 
-REGISTRY = "public_logs.toml"
 #: Folder of the downloads, in place of the user's cache folder.
 CACHE_VARIABLE = "EIVOR_CACHE"
 TIMEOUT_S = 30.0
@@ -82,9 +80,8 @@ class PublicLog:
 
 def public_logs() -> Mapping[str, PublicLog]:
     """Every public log by name, in the order of the registry."""
-    text = resources.files("eivor.data").joinpath(REGISTRY).read_text(encoding="utf-8")
     logs = {}
-    for source in tomllib.loads(text)["source"]:
+    for source in package_tables("eivor.data", "public_logs.toml")["source"]:
         for entry in source["log"]:
             name, url = entry["name"], f"{source['base']}/{entry['file']}"
             logs[name] = PublicLog(name, url, entry["sha256"], entry["about"], source["licence"])

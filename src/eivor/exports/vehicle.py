@@ -36,6 +36,7 @@ from eivor.motions.rigid_body.vehicle import (
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import InputMap
 from eivor.simulation.rigid_body_spec import STILL, runge_kutta
+from eivor.strict_toml import package_tables
 from eivor.tools import Float
 
 if TYPE_CHECKING:
@@ -46,35 +47,8 @@ if TYPE_CHECKING:
 Column = Float[np.ndarray, " n"]
 Columns = Mapping[str, Column]
 
-WORDS = {
-    "mass": "mass [kg]",
-    "thrust": "thrust of a rotor per unit of mapped command [N]",
-    "actuator_lag": "lag of the rotors [s]",
-    "delay": "delay of the commands [s]",
-    "drag_x": "drag along x [N/(m/s)]",
-    "drag_y": "drag along y [N/(m/s)]",
-    "drag_z": "drag along z [N/(m/s)]",
-    "inertia_xx": "inertia in roll [kg m^2]",
-    "inertia_yy": "inertia in pitch [kg m^2]",
-    "inertia_zz": "inertia in yaw [kg m^2]",
-    "torque_ratio": "reaction torque over thrust [m]",
-    "arm_scale": "arms over the lengths in the vehicle's file",
-    "centre_of_mass_forward": "centre of mass, forward of the rotors' middle [m]",
-    "centre_of_mass_left": "centre of mass, left of the rotors' middle [m]",
-    "roll_drag": "torque against rolling [N m/(rad/s)]",
-    "pitch_drag": "torque against pitching [N m/(rad/s)]",
-    "yaw_drag": "torque against yawing [N m/(rad/s)]",
-    "quadratic_drag_x": "quadratic drag along x [N/(m/s)^2]",
-    "quadratic_drag_y": "quadratic drag along y [N/(m/s)^2]",
-    "quadratic_drag_z": "quadratic drag along z [N/(m/s)^2]",
-    "translational_lift": "thrust per squared speed across the rotors [N/(m/s)^2]",
-    "rotor_inertia": "inertia of a rotor [kg m^2]",
-    "drag_height": "rotors above the centre of mass, by what their drag turns [m]",
-    "second_lag": "lag of the rotors, the shorter of two stages [s]",
-    "lag_asymmetry": "rate of the rotors upward over that of their lag, less 1; downward as much smaller",
-    "largest_command": "largest command",
-    "speed_scale": "rotor speed per unit of command [rad/s]",
-}
+#: What each number is, in the order of files.
+WORDS: Mapping[str, str] = package_tables("eivor.exports", "vehicle.toml")["words"]
 INERTIAS = ("inertia_xx", "inertia_yy", "inertia_zz")
 DRAGS = ("drag_x", "drag_y", "drag_z")
 CENTRE = ("centre_of_mass_forward", "centre_of_mass_left")

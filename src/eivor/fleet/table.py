@@ -32,12 +32,12 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.logs.addresses import here, is_address, is_local, path_of
 from eivor.logs.channel_map import load_channel_map, shipped_maps
-from eivor.logs.common import source_tables
 from eivor.logs.read import format_at, read_log
 from eivor.motions.identify import identify_flight
 from eivor.motions.table import DEFAULT, motion_by_name
 from eivor.process_pool import Limits
 from eivor.signals.recording import Recording
+from eivor.strict_toml import package_tables
 
 #: Digits of the hash that rows are marked with.
 HASH_DIGITS = 16
@@ -147,7 +147,7 @@ _KINDS = {
     "texts": pl.List(_TEXT),
     "numbers": pl.List(_NUMBER),
 }
-_WORDS = source_tables("eivor.fleet", "columns.toml")
+_WORDS = package_tables("eivor.fleet", "columns.toml")
 #: Columns before those of the quantities, and after them: type, what it is, and in which unit.
 LEADING, TRAILING = (
     {name: (_KINDS[kind], words, unit) for name, (kind, words, unit) in _WORDS[part].items()}

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache, partial
-from importlib.resources import files
 from typing import get_type_hints
 
 import numpy as np
@@ -30,6 +28,7 @@ from eivor.process_pool import in_order, local_executor
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Excitation, PaperInput, WhiteExcitation
+from eivor.strict_toml import package_tables
 from eivor.tools import Bool, Float
 
 #: theta = (K, K_u) of (34).
@@ -178,9 +177,8 @@ _CHOICES: Mapping[str, type[Enum]] = {
 
 
 def _readings() -> tuple[PaperReading, ...]:
-    text = (files("eivor.lab") / "paper_readings.toml").read_text(encoding="utf-8")
     known: dict[str, PaperReading] = {}
-    for name, row in tomllib.loads(text).items():
+    for name, row in package_tables("eivor.lab", "paper_readings.toml").items():
         same = known.get(row.pop("as", ""), PaperReading("", ""))
         words = {key: _CHOICES[key][row[key].upper()] for key in _CHOICES.keys() & row.keys()}
         known[name] = replace(same, name=name, **row | words)

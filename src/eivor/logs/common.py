@@ -7,12 +7,10 @@ import math
 import os
 import re
 import struct
-import tomllib
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import nsmallest
-from importlib import resources
 from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,6 +28,7 @@ from eivor.signals.recording import (
     Recording,
     clean_channel,
 )
+from eivor.strict_toml import package_tables
 from eivor.tools import Bool, Float
 
 
@@ -448,13 +447,8 @@ Source = TypeVar("Source")
 MUCH_MORE = 1.5
 
 
-def source_tables(package: str, file: str = "sources.toml") -> dict[str, Any]:
-    """Tables of a file of a package."""
-    return tomllib.loads((resources.files(package) / file).read_text(encoding="utf-8"))
-
-
 #: Words of the readers of all formats.
-LOG_TABLES = source_tables("eivor.logs", "tables.toml")
+LOG_TABLES = package_tables("eivor.logs", "tables.toml")
 
 
 def by_number(tables: Mapping[str, Any], *names: str) -> Iterator[dict[float, str]]:

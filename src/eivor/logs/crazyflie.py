@@ -27,6 +27,7 @@ from eivor.logs.channel_map import (
 from eivor.logs.mapping import channels_by_clock, delay_findings, fitted_rules, listed, looked_for
 from eivor.signals.channels import held_by_default
 from eivor.signals.recording import LARGEST_VALUE, Channel, Finding, Frame, LogOrigin, Recording
+from eivor.strict_toml import package_tables
 from eivor.tools import Float
 
 #: Value of a motor's duty cycle, and of the controllers' thrust, at full power.
@@ -114,7 +115,7 @@ _MAKERS: Mapping[str, Callable[[Any], VariableSource]] = {
     "tilt": _tilt,
 }
 
-_TABLES = common.source_tables("eivor.logs", "crazyflie.toml")
+_TABLES = package_tables("eivor.logs", "crazyflie.toml")
 #: All sources; of one quantity the preferred first.
 SOURCES = tuple(
     next((make(row[kind]) for kind, make in _MAKERS.items() if kind in row), None) or _source(row)

@@ -6,7 +6,6 @@ import base64
 import hashlib
 import json
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -17,6 +16,7 @@ from markupsafe import Markup
 
 from eivor.inference.verdict import Status
 from eivor.report.document import Look
+from eivor.strict_toml import package_tables
 from eivor.tools import printable
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def rendered(file: str, /, **values: object) -> Markup:
 def uplot() -> dict[str, str]:
     """uPlot, which draws series over time: name and version, and texts of script, style and licence."""
     folder = resources.files("eivor.report").joinpath("vendored", "uplot")
-    release = tomllib.loads(folder.joinpath("release.toml").read_text(encoding="utf-8"))
+    release = package_tables("eivor.report", "vendored/uplot/release.toml")
     files = dict(zip(("script", "style", "licence"), (*release["sha256"], release["licence"]), strict=True))
     texts = {kind: folder.joinpath(file).read_text(encoding="utf-8") for kind, file in files.items()}
     return {"name": release["name"], "version": release["version"], **texts}

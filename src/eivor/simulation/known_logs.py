@@ -14,6 +14,7 @@ from eivor.signals.recording import Recording
 from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from eivor.simulation.vertical import STEP_S, VerticalFlightSpec, simulate_vertical_flights
+from eivor.strict_toml import package_tables
 
 SCHEMA = "eivor.simulate/1"
 
@@ -67,29 +68,6 @@ def _flight_truth(spec: VerticalFlightSpec) -> dict[str, object]:
     }
 
 
-#: Units of what the truth says of every axis.
-UNITS = {
-    "gyroscopic_ratios": "",
-    "torque_gains": "rad/s^2 per m (yaw: no m) and squared rad/s",
-    "rate_damping": "1/s",
-    "thrust_gain": "m/s^2 per squared rad/s",
-    "drag": "1/s",
-    "rotor_rate_drag": "1/s per m^2 and rad/s",
-    "rotor_drag": "1/s per rad/s",
-    "quadratic_drag": "1/m",
-    "translational_lift": "1/m",
-    "rotor_reaction": "",
-    "lag_up": "s",
-    "lag_down": "s",
-    "delay": "s",
-    "control_effectiveness": "rad/s^2 per unit of torque setpoint",
-    "hover_speed": "rad/s",
-    "viscous_friction": "1/s",
-    "input_gain": "m/s^2 per squared rad/s",
-    "hover_input": "rad/s",
-}
-
-
 def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
     """Log of a flight of a whole vehicle."""
     (flight,) = simulate_rigid_body_flights([spec])
@@ -112,7 +90,7 @@ def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dic
         **asdict(parameters),
         "control_effectiveness": list(flight.truth.control_effectiveness),
         "hover_speed": spec.vehicle.hover_speed,
-        "units": UNITS,
+        "units": package_tables("eivor.simulation", "truth.toml")["units"],
         "trajectory": str(spec.trajectory),
     }
 

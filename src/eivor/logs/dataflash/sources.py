@@ -13,6 +13,7 @@ from eivor.logs import common
 from eivor.logs.dataflash.messages import Messages, rows_of
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, LogOrigin, utc_time
+from eivor.strict_toml import package_tables
 from eivor.tools import Bool, Float
 
 ORIGIN_MESSAGES = frozenset({"GPS"})
@@ -100,7 +101,7 @@ class MessageSource:
         return f"{'-' if self.factor < 0.0 else ''}{self.message}.{self.column}"
 
 
-TABLES = common.source_tables("eivor.logs.dataflash")
+TABLES = package_tables("eivor.logs.dataflash")
 CHANNEL_SOURCES = common.channel_sources(TABLES, MessageSource)
 #: How often each message is logged, and what raises it.
 RATES: Mapping[str, str] = TABLES["rates"]

@@ -33,6 +33,7 @@ from eivor.logs.ulog.channels import (
 )
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, Frame, Recording
+from eivor.strict_toml import package_tables
 
 #: Place of the vehicle, direction, name, number of the instance, version of the message.
 _NAME = re.compile(
@@ -176,7 +177,7 @@ class RosSource:
         return f"/{MAVROS}" not in f"/{name.lstrip('/')}" and bool(ASKED.search(name)) == self.is_asked
 
 
-_TABLES = common.source_tables("eivor.logs.rosbag")
+_TABLES = package_tables("eivor.logs.rosbag")
 CHANNEL_SOURCES = common.channel_sources(_TABLES, RosSource)
 
 ROS_SOURCES: Mapping[str, tuple[str, ...]] = {

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from eivor.logs.common import source_tables
+from eivor.strict_toml import package_tables
 
 #: Bytes of the types that messages are made of; strings have a length of their own.
 SIZES: Mapping[str, str] = {
@@ -87,7 +87,7 @@ def _type_name(kind: str, owner: str) -> str:
 
 
 #: Texts of types for bags without definitions: common ones, and those of each release of PX4.
-_definitions = cache(partial(source_tables, "eivor.logs.rosbag", "definitions.toml"))
+_definitions = cache(partial(package_tables, "eivor.logs.rosbag", "definitions.toml"))
 
 
 @cache

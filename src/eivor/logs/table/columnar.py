@@ -536,16 +536,6 @@ def _typed(value: Any, kind: type) -> Any:
 
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_ADVICE = {
-    "all": (
-        "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
-        "Log the motor commands (not only the thrust setpoint), the vertical velocity, the specific force or "
-        "the vertical acceleration, the attitude, and the height reference.",
-        "Log setpoints as they are commanded, not filtered or interpolated.",
-    ),
-    "setpoints": "reference_position_z (the height reference), rotor_command_1.. or input (the command), "
-    "pilot_throttle (the stick, when a pilot flies).",
-}
 
 
 def _is_csv(head: bytes, _file: Path) -> bool:
@@ -586,9 +576,8 @@ def _table(
         )
         return restore(recording, source.metadata) if alone else recording
 
-    advised = common.advised(
-        _ADVICE, lambda channel: (f"Add a column '{channel}', or map one in a channel map.",)
-    )
+    words = "Add a column '{}', or map one in a channel map."
+    advised = common.advised(common.LOG_TABLES["tables"], lambda channel: (words.format(channel),))
     return common.LogFormat(name, label, sniff, read, takes_map=True, endings=endings, **advised)
 
 

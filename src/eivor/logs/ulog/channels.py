@@ -11,6 +11,7 @@ import numpy as np
 from eivor.logs import common
 from eivor.signals.channels import CurveSide, roll_pitch_yaw
 from eivor.signals.recording import HELICOPTER, ROTARY_WING, VTOL, Channel, Finding, LogOrigin, utc_time
+from eivor.strict_toml import package_tables
 from eivor.tools import Bool, Float
 
 #: What PX4's estimator makes of its sensors.
@@ -39,7 +40,7 @@ class TopicSource:
         return f"{'-' if self.sign < 0 else ''}{self.topic}.{self.field}"
 
 
-TABLES = common.source_tables("eivor.logs.ulog")
+TABLES = package_tables("eivor.logs.ulog")
 CHANNEL_SOURCES = common.channel_sources(TABLES, TopicSource)
 
 #: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded
