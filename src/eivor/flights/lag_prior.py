@@ -6,15 +6,17 @@ import math
 from dataclasses import dataclass, replace
 from math import hypot, sqrt
 
+import msgspec
 import numpy as np
 
 from eivor.errors import EstimationError
 from eivor.estimation.estimate import Estimate, ratio
 from eivor.estimation.methods import identify, least_squares
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import NAN, NO_INTERVAL, Kind, QuantityEstimate, QuantitySpec
+from eivor.flights.quantity import NAN, NO_INTERVAL, QuantityEstimate, QuantitySpec
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, outcome_word
 from eivor.inference.distributions import chi_square_tail
+from eivor.logs.common import source_tables
 from eivor.models.lagged_runs import (
     ACTUATOR_LAG,
     ASYMMETRY,
@@ -43,23 +45,9 @@ LAG_SUMS = {
 }
 LEVEL = 0.95
 
-LAG_QUANTITIES = {
-    EFFECTIVE_LAG: QuantitySpec(
-        "effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3, need="lag"
-    ),
-    ACTUATOR_LAG.name: QuantitySpec("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
-    DELAY.name: QuantitySpec("delay", "d", "s", shown_unit="ms", scale=1e3),
-    SECOND_LAG: QuantitySpec(
-        "second lag", "τ₂", "s", Kind.DERIVED, optional=True, shown_unit="ms", scale=1e3, lowest=0.0
-    ),
-    SECOND_STAGE.name: QuantitySpec("second stage", "q", "", optional=True, lowest=0.0),
-    ASYMMETRY.name: QuantitySpec("lag asymmetry", "a", "", optional=True),
-} | {
-    name: QuantitySpec(
-        f"lag {way}ward", symbol, "s", Kind.DERIVED, optional=True, shown_unit="ms", scale=1e3, lowest=0.0
-    )
-    for name, way, symbol in zip(LAGS_UP_AND_DOWN, ("up", "down"), ("τ_up", "τ_down"), strict=True)
-}
+#: Lags as all motions call them, and the same as specifications.
+LAG_TABLES = source_tables("eivor.flights", "lags.toml")
+LAG_QUANTITIES = msgspec.convert(LAG_TABLES, dict[str, QuantitySpec])
 
 
 def joint_quantities(estimate: Estimate) -> dict[str, QuantityEstimate]:

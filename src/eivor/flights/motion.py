@@ -8,11 +8,13 @@ from dataclasses import dataclass, field, replace
 from math import ceil
 from typing import Any, Generic, TypeVar
 
+import msgspec
 import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import RECOVERY_S
+from eivor.flights.lag_prior import LAG_TABLES
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, SensorAgreement
 from eivor.flights.quantity import (
@@ -23,6 +25,7 @@ from eivor.flights.quantity import (
     PredictedQuantity,
     Quantity,
     QuantityEstimate,
+    QuantitySpec,
     QuantityTable,
     SimpleModel,
     Trace,
@@ -30,7 +33,8 @@ from eivor.flights.quantity import (
     Words,
 )
 from eivor.flights.references import ReferenceSource
-from eivor.flights.verdict import MotionChecks, Rule, SystematicPart
+from eivor.flights.verdict import FlightWords, MotionChecks, Rule, SystematicPart
+from eivor.logs.common import source_tables
 from eivor.models.separable import InstrumentRule, SeparableProblem, Values
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Finding, Recording
@@ -233,8 +237,8 @@ class LogChannels:
     """What a motion reads of a log."""
 
     inputs: tuple[InputFamily, ...]  # What may drive the vehicle, in order of preference
-    needed: tuple[str, ...]  # Channels without which nothing can be identified, beside an input
-    references: tuple[ReferenceSource, ...]  # Channels that may be instruments
+    needed: tuple[str, ...] = ()  # Channels without which nothing can be identified, beside an input
+    references: tuple[ReferenceSource, ...] = ()  # Channels that may be instruments
     added: tuple[CanonicalChannel, ...] = ()  # Channels that the motion adds to the canonical ones
     telemetry: tuple[str, ...] = ()  # Channels that are measured states of what drives the vehicle
     parameters: tuple[str, ...] = ()  # Parameters of an autopilot that are worth showing
@@ -384,6 +388,27 @@ class Motion(ABC, Generic[P]):
     @abstractmethod
     def view(self, flight: PreparedFlight) -> FlightView:
         """Return what a report shows of a flight."""
+
+
+@dataclass(frozen=True)
+class MotionTables:
+    """What users read of a motion, and what it reads of logs: the file beside its code."""
+
+    equation: tuple[str, str]
+    words: Words
+    flight_words: FlightWords
+    channels: LogChannels
+    quantities: dict[str, QuantitySpec] = field(default_factory=dict)
+    coupled_axes: tuple[CoupledAxis, ...] = ()
+
+
+def motion_tables(package: str) -> MotionTables:
+    """Return the tables of a package; lags have the words of all motions beside what is given here."""
+    tables = source_tables(package, "motion.toml")
+    tables["flight_words"]["fly"] = tables["words"]["fly"]
+    given = tables.get("quantities", {}).items()
+    tables["quantities"] = {name: {**LAG_TABLES.get(name, {}), **each} for name, each in given}
+    return msgspec.convert(tables, MotionTables)
 
 
 def of_vehicle(motion: Motion[Any], vehicle: str) -> Motion[Any]:

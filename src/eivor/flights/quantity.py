@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -211,9 +211,22 @@ class Words:
     where: str = "in the air"  # Where the vehicle is while the motion holds
     begins: str = "takes off"  # What it does to get there
     another_log: str = "Give a log of a flight."  # What to do when it never does
-    #: What to fly and to log, by the name of a log format
-    advice: Callable[[str], tuple[CardSection, ...]] = lambda _format: ()
+    manoeuvres: tuple[str, ...] = ()  # What to fly, for a flight card
+    needed: tuple[str, ...] = ()  # What to log, before what a log's format advises
+    setpoints: str = ""  # Which of them are setpoints. Default: those of the format
+    card: tuple[CardSection, ...] = ()  # In place of a card of these
     planned: tuple[str, ...] = ()  # Quantities that flights of `eivor plan` are made for
+
+    def advice(self, log_format: str) -> tuple[CardSection, ...]:
+        """What to fly and to log; about logs of a format without advice, that of tables."""
+        if not self.manoeuvres:
+            return self.card
+        advised = advising_format(log_format)
+        return (
+            CardSection("Fly", self.manoeuvres),
+            CardSection("Log", (*self.needed, *advised.advice(""))),
+            CardSection("Setpoints", (self.setpoints or advised.setpoints,)),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,18 +235,6 @@ class CardSection:
 
     title: str  # A few words
     sentences: tuple[str, ...]  # What to do
-
-
-def flight_card(
-    log_format_name: str, *, fly: tuple[str, ...], needed: tuple[str, ...] = (), setpoints: str = ""
-) -> tuple[CardSection, ...]:
-    """What to fly and to log; about logs of a format without advice, that of tables."""
-    advised = advising_format(log_format_name)
-    return (
-        CardSection("Fly", fly),
-        CardSection("Log", (*needed, *advised.advice(""))),
-        CardSection("Setpoints", (setpoints or advised.setpoints,)),
-    )
 
 
 NAN = float("nan")

@@ -301,7 +301,7 @@ class Machine(DeclaredMotion):
             loosen=f"{self.move} Or declare another [active]." if has_rule else "Widen the window.",
             begins="moves",
             another_log="Give another log.",
-            advice=lambda _format: (CardSection("Move", (self.move,)), CardSection("Log", (self.log,))),
+            card=(CardSection("Move", (self.move,)), CardSection("Log", (self.log,))),
         )
 
     @cached_property

@@ -15,9 +15,9 @@ from eivor.estimation.estimate import Estimate
 from eivor.flights import quantity, verdict
 from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
-from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction, Solver
+from eivor.flights.motion import Abilities, Flights, FlightView, Prediction, Solver, motion_tables
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
+from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.references import ReferenceSource
 from eivor.inference.verdict import Status
 from eivor.models.frequency_response import local_polynomials, spectra
@@ -111,7 +111,7 @@ def rate_panel(flight: PreparedFlight, axis: Axis) -> quantity.PlotData:
 
 # -- Select --
 
-INPUTS = (InputFamily(TORQUE, numbered=False),)
+TABLES = motion_tables("eivor.motions.rates")
 REFERENCES = tuple(source for axis in AXES for source in axis.references)
 #: Band of spectral rows [Hz], and how far it reaches where references move the setpoints.
 BAND_HZ, FURTHEST_HZ = (0.3, 8.0), 20.0
@@ -131,7 +131,7 @@ def selected(log: Recording, options: FlightOptions, alone: Axis | None = None) 
     """Channels of a log by role, of one axis alone or of all that are logged."""
     check_vehicle(log, options, HELICOPTER)  # its blades turn it, behind a lag of their own
     remedy = "Log the torque setpoints at 50 Hz or more"
-    family, _ = chosen_input(log, INPUTS, options.input, remedy=remedy)
+    family, _ = chosen_input(log, TABLES.channels.inputs, options.input, remedy=remedy)
     if family.name != TORQUE:
         raise UsageError(f"the input {TORQUE} for turning", f"'{options.input}'", "Leave --input out.")
     offered = AXES if alone is None else (alone,)
@@ -311,20 +311,10 @@ def chosen_order(
     return problem, replace(estimate, other_order={**other.parameters, **other.nuisances})
 
 
-FLY = (
-    "Fly quick steps of roll and pitch of about 15 degrees to both sides for 60 s, in a mode in which the "
-    "sticks set the attitude."
-)
 TURN_LONGER = "Fly turns that last longer."
 QUICKER = "Fly quicker steps, and log setpoints and rates faster."
 LEAST_S = 15.0
-FLIGHT_WORDS = verdict.FlightWords(
-    fly=FLY,
-    log_reference="Log the attitude setpoint, or the pilot's roll and pitch sticks, at 20 Hz or more.",
-    log_planned="Fly in a mode in which the sticks set the attitude, or inject a sweep.",
-    moves="turns",
-    undisturbed="Fly slowly and away from walls and ground; keep the motors from their limits.",
-)
+FLIGHT_WORDS = TABLES.flight_words
 EFFECTIVENESS = verdict.Limit(
     0.1, 0.25, zero=Status.REFUSED, narrower="Fly larger and quicker steps, or longer."
 )
@@ -350,24 +340,6 @@ def axis_rules(axis: Axis) -> tuple[verdict.Rule, ...]:
     )
 
 
-THRUST = quantity.CoupledAxis(
-    motion="vertical",
-    quantity="input_gain",
-    called="thrust_gain",
-    input="input",
-    input_map="linear",  # a setpoint of thrust, whatever map the rotors of the same log have
-    needs={
-        "thrust setpoint": ("input",),
-        "accelerometer": ("specific_force_body_z", "specific_force_z", "acceleration_z"),
-    },
-)
-
-EQUATION = (
-    "p' = G_p u_p - D_p p + b; q' alike; r' = G_r u_r + J u_r' - D_r r + b; z'' + g = G_z u_z - K z' + b",
-    "(p, q, r) body rates; tau u' + u = torque setpoint(t - d), one lag for all axes",
-)
-
-
 def _spec(term: Term) -> quantity.QuantitySpec:
     words, unit, of_yaw = term.name.replace("_", " "), term.unit, term.name.startswith("yaw")
     decides = term.name in EFFECTS and not of_yaw
@@ -387,7 +359,7 @@ _SPECS = {term.name: _spec(term) for equation in EQUATIONS for term in equation.
 QUANTITIES = quantity.QuantityTable(
     {
         **{name: _SPECS[name] for name in EFFECTS},
-        THRUST.called: quantity.QuantitySpec(
+        "thrust_gain": quantity.QuantitySpec(
             "thrust gain", "G_z", "m/s^2", shown_unit="m/s²", optional=True, need="gain"
         ),
         EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], in_rows=True),
@@ -417,23 +389,6 @@ RULES = (
     *(rule for axis in AXES for rule in axis_rules(axis)),
 )
 
-_MANOEUVRES = (
-    "Calm air, at least 3 m above the ground, a mode in which the sticks set the attitude "
-    "(stabilized or altitude).",
-    "60 s of roll and pitch steps of about 15°, to and fro, one every second or two at uneven times, "
-    "each axis by itself. A few turns of yaw, and for the thrust gain steps of height.",
-    "Or the autopilot's identification mode, which injects a sweep.",
-)
-
-_SETPOINTS = "Torque setpoints, rates, and attitude setpoint or sticks, at 50 Hz or more."
-WORDS = quantity.Words(
-    title="Turning about the body axes",
-    model="body_rates",
-    fly=FLY,
-    no_reference="None is logged: no attitude setpoint, no stick, no injected sweep.",
-    advice=partial(quantity.flight_card, fly=_MANOEUVRES, setpoints=_SETPOINTS),
-)
-
 
 def turning(flights: Flights) -> tuple[Axis, ...]:
     """Roll and pitch, or what all flights log in their place."""
@@ -456,33 +411,17 @@ class Rates(DeclaredMotion):
     name = "rates"
     axes = EQUATIONS
     grids = LAGS_S, DELAYS_S
-    words = WORDS
-    equation = EQUATION
+    words = TABLES.words
+    equation = TABLES.equation
     quantities = QUANTITIES
     rules = RULES
     parts = PARTS
-    channels = LogChannels(
-        INPUTS,
-        (),
-        REFERENCES,
-        parameters=(
-            RATE_PARAMETER,
-            "IMU_GYRO_CUTOFF",
-            "IMU_DGYRO_CUTOFF",
-            "MC_ROLLRATE_P",
-            "MC_PITCHRATE_P",
-            "MC_YAWRATE_P",
-            "SYS_AUTOSTART",
-            "CA_ROTOR_COUNT",
-            "SDLOG_PROFILE",
-        ),
-        vehicle_parameters=("SYS_AUTOSTART", "THR_MDL_FAC", "CA_ROTOR_COUNT"),
-    )
+    channels = replace(TABLES.channels, references=REFERENCES)
     abilities = Abilities(
         refined=chosen_order,
         prediction=Prediction(simple_models, multi_step=partial(equation_prediction, EQUATIONS)),
         excitation=excitation,
-        coupled_axes=(THRUST,),
+        coupled_axes=TABLES.coupled_axes,
     )
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:

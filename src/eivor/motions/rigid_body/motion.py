@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -16,8 +15,8 @@ from eivor.flights import motion
 from eivor.flights.grid import Active, Grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS, joint_quantities, lag_quantities
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
-from eivor.flights.quantity import Implications, Quantity, QuantityEstimate, Trace, Words, flight_card
+from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input
+from eivor.flights.quantity import Implications, Quantity, QuantityEstimate, Trace
 from eivor.flights.timestamps import with_corrected_stamps
 from eivor.inference.distributions import normal_quantile
 from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, AxisColumns, LaggedRuns
@@ -50,7 +49,7 @@ from eivor.motions.rigid_body.regression import (
 )
 from eivor.motions.rigid_body.regression import NEEDED as FOR_BODY_VELOCITY
 from eivor.motions.rigid_body.vehicle import KnownVehicle, load_vehicle, shipped_vehicles, vehicle_from_record
-from eivor.motions.vertical.select import REFERENCES as HEIGHT_REFERENCES
+from eivor.motions.vertical.select import TABLES as HEIGHT
 from eivor.signals.recording import Channel, Finding, Recording
 from eivor.tools import Float
 
@@ -123,14 +122,10 @@ def _rates_of(parts: Float[np.ndarray, "4 n"], separated: int) -> Float[np.ndarr
 
 # -- Select --
 
-INPUTS = (
-    InputFamily("rotor_command", input_map="square", numbered=True),
-    InputFamily("rotor_speed", measured=True, input_map="square", numbered=True),
-)
 #: What was asked of height, without the thrust command itself, and of attitude.
 REFERENCES = (
     *(reference for axis in AXES for reference in axis.references),
-    *(item for item in HEIGHT_REFERENCES if item.channel.startswith("reference_")),
+    *(item for item in HEIGHT.channels.references if item.channel.startswith("reference_")),
 )
 #: The grid's step is that of the gyroscope, within these [s].
 SHORTEST_STEP_S, LONGEST_STEP_S = 0.002, 0.010
@@ -150,7 +145,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     log, off = with_one_clock(log, comparisons(log, spans_s), vehicle.gyro_cutoff_hz)
     log, wind = in_still_air(log, spans_s)
     remedy = "Log the rotor commands or speeds at 100 Hz or more"
-    family, commands = chosen_input(log, INPUTS, options.input, remedy=remedy)
+    family, commands = chosen_input(log, verdict.TABLES.channels.inputs, options.input, remedy=remedy)
     family = replace(family, input_map=vehicle.thrust_map)
     if len(commands) != vehicle.count:
         expected = f"{vehicle.count} rotors, as the vehicle has"
@@ -364,31 +359,6 @@ def _near(nuisance: Nuisance, value: float) -> Nuisance:
     return replace(nuisance, grid=near) if near.size > 1 and near[0] <= value <= near[-1] else nuisance
 
 
-# -- Words --
-
-EQUATION = (
-    "p' = beta_1 q r + alpha_p sum y phi - d_p p + b; "
-    "s_z = alpha_z sum phi - d_z v_z - c_z |v| v_z + h (v_x^2 + v_y^2) + b",
-    "phi = map(n); tau n' + n = command(t - d); p rate, v velocity, s force on body axes; others alike",
-)
-_MANOEUVRES = (
-    "Calm air, at least 3 m above the ground.",
-    "60 s: steps of roll and pitch of about 15°, of yaw of about 45°, and of height of 1 m, at uneven times, "
-    "each by itself and some together. A few fast straight legs along the body's axes.",
-)
-
-_NEEDED = (
-    "Rotor commands, rates, accelerometer, velocity and attitude, and what was asked of height and attitude."
-)
-WORDS = Words(
-    title="Rigid body",
-    model="rigid_body",
-    fly=verdict.FLY,
-    no_reference="None is logged: no setpoint of height or attitude, no injected sweep.",
-    no_lag="The rotor speeds were measured:\nthere is no lag to find.",
-    advice=partial(flight_card, fly=_MANOEUVRES, needed=(_NEEDED,)),
-)
-
 #: What the rotors did before a log begins in the air is not known, and matters for so long [s].
 SETTLED_S = 1.0
 
@@ -429,12 +399,12 @@ class RigidBody(motion.Motion[LaggedRuns]):
     vehicle: KnownVehicle | None = None
 
     name = "rigid-body"
-    words = WORDS
-    equation = EQUATION
+    words = verdict.TABLES.words
+    equation = verdict.TABLES.equation
     quantities = QUANTITIES
     rules = verdict.all_rules(QUANTITIES)
     parts = verdict.PARTS
-    channels = motion.LogChannels(INPUTS, tuple(axis.rate for axis in AXES), REFERENCES)
+    channels = replace(verdict.TABLES.channels, references=REFERENCES)
 
     @property
     def abilities(self) -> motion.Abilities:  # type: ignore[override]

@@ -17,6 +17,7 @@ from eivor.estimation.linear import OUTPUT_ERROR
 from eivor.estimation.methods import by_name, identify
 from eivor.flights import verdict
 from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities
+from eivor.flights.motion import motion_tables
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SimpleModel
 from eivor.inference.confidence_set import principal_axes
@@ -559,21 +560,12 @@ class RigidBodyChecks(verdict.MotionChecks):
 
 # -- Rule --
 
-FLY = (
-    "Fly steps of roll, pitch, yaw and height at uneven times for 60 s, each by itself and some together, in "
-    "calm air."
-)
-FLIGHT_WORDS = verdict.FlightWords(
-    fly=FLY,
-    log_reference="Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more.",
-    log_planned="Fly in a mode in which the sticks set the attitude, or inject a sweep.",
-    moves="moves",
-    undisturbed="Fly in calm air and away from the ground, and keep the motors from their limits.",
-)
+TABLES = motion_tables("eivor.motions.rigid_body")
+FLIGHT_WORDS = TABLES.flight_words
 LEAST_HZ, LEAST_S = 45.0, 10.0
 LONGER = "Fly larger and quicker steps, or longer."
-GAIN_LIMIT = verdict.Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LONGER, away_from_zero=FLY)
-SLOW_LIMIT = verdict.Limit(0.5, zero=Status.WEAK, narrower=LONGER, away_from_zero=FLY)
+GAIN_LIMIT = verdict.Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LONGER, away_from_zero=FLIGHT_WORDS.fly)
+SLOW_LIMIT = verdict.Limit(0.5, zero=Status.WEAK, narrower=LONGER, away_from_zero=FLIGHT_WORDS.fly)
 COUPLING_LIMIT = verdict.Limit(identified_within=0.1, narrower=LONGER)
 LAG_LIMIT = verdict.Limit(
     0.25, 0.5, 0.02, 0.02, narrower="Fly quicker steps, and log rotors and rates faster."
@@ -645,7 +637,9 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
             continue
         rules += verdict.flight_rules(FLIGHT_WORDS, (name,), ())
         if name in _DRAGS:
-            rules.append(verdict.below_zero_rule(name, wording[name], Status.WEAK, _NO_DRAG, FLY))
+            rules.append(
+                verdict.below_zero_rule(name, wording[name], Status.WEAK, _NO_DRAG, FLIGHT_WORDS.fly)
+            )
         if name in _GAINS:
             plain, wrong = replace(wording[name], unit=""), _what_is_wrong(name)
             rules.append(verdict.below_zero_rule(name, plain, Status.REFUSED, wrong, CORRECT_ROTORS))

@@ -17,7 +17,6 @@ from eivor.flights.motion import (
     Abilities,
     Flights,
     FlightView,
-    LogChannels,
     Motion,
     Prediction,
     Resampling,
@@ -236,37 +235,6 @@ def resampled(
     return results
 
 
-CHANNELS = LogChannels(
-    select.INPUTS,
-    ("velocity_z",),
-    select.REFERENCES,
-    telemetry=("rotor_speed",),
-    parameters=(
-        *verdict.HOVER_PARAMETERS,
-        "HTE_THR_RANGE",
-        "THR_MDL_FAC",
-        "MOT_THST_EXPO",
-        "MPC_THR_MIN",
-        "MPC_THR_MAX",
-        "MPC_Z_VEL_MAX_UP",
-        "MPC_Z_VEL_MAX_DN",
-        "SYS_AUTOSTART",
-        "CA_ROTOR_COUNT",
-        "SDLOG_PROFILE",
-    ),
-    # the vehicle, and the path from its thrust setpoint to the rotors
-    vehicle_parameters=(
-        "SYS_AUTOSTART",
-        "THR_MDL_FAC",
-        "CA_ROTOR_COUNT",
-        "MOT_POLE_COUNT",
-        "PWM_MIN",
-        "PWM_MAX",
-        "PWM_MAIN_MIN",
-        "PWM_MAIN_MAX",
-    ),
-)
-
 ABILITIES = Abilities(
     refined=lambda problem, solve, options: (
         thrust_curve.refined_curve(problem, solve, options.accelerometer_bias)
@@ -305,15 +273,15 @@ class Vertical(Motion[VerticalFlights]):
     mean_voltage: float | None = None
 
     name = "vertical"
-    words = select.WORDS
+    words = select.TABLES.words
     quantities = select.QUANTITIES
     rules = verdict.RULES
     parts = verdict.PARTS
-    channels = CHANNELS
+    channels = select.TABLES.channels
 
     @property
     def equation(self) -> tuple[str, str]:  # type: ignore[override]
-        equation, symbols = select.EQUATION
+        equation, symbols = select.TABLES.equation
         listed = (symbols, *(term.symbols for term in self.added if term.symbols))
         return " ".join((equation, *(term.written for term in self.added))), "; ".join(listed)
 

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from eivor.errors import ShapeError
 from eivor.estimation.estimate import Estimate
-from eivor.flights import quantity
-from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
+from eivor.flights.motion import motion_tables
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
-from eivor.flights.references import ReferenceSource
+from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input
+from eivor.flights.quantity import QuantityTable
 from eivor.flights.verdict import SLOW_COMMAND_HZ
-from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.motions.vertical.model import GRAVITY, CurveFamily
 from eivor.signals.recording import Channel, Finding, Recording
 from eivor.tools import Float
@@ -46,136 +43,9 @@ class FittedCurve:
     above: tuple[float, Estimate]
 
 
-FLY = (
-    "Fly vertical position steps or a sine sweep of about 2 m/s and 2 m for 60 s in position mode, calm air."
-)
-QUICKER = "Fly quicker steps, and log command and acceleration at 50 Hz or more."
-LOG_REFERENCE = "Log the position setpoint, or the pilot's stick, at 50 Hz or more."
-
-EQUATION = ("z'' + g = K_u U - K z' + b", "U = cos(tilt) * mean(map(w)); tau w' + w = command(t - d)")
-#: Thrust is proportional to the density of the air; with the voltage it grows by a power of 0 to 2.
-#: What hovers goes against both, by half as much where thrust goes with the square of the command.
-#: Forces that a payload leaves as they are accelerate a larger mass less.
-QUANTITIES = quantity.QuantityTable(
-    viscous_friction=quantity.QuantitySpec(
-        "viscous friction",
-        "K",
-        "1/s",
-        shown_unit="1/s",
-        headline=True,
-        in_rows=True,
-        of_flight=True,
-        need="friction",
-        across=quantity.AcrossFlights(
-            "viscous_friction",
-            covariates=(quantity.Covariate("air_density"), quantity.Covariate("mass", -1.0, 0.3)),
-            identified_by=("viscous_friction",),
-        ),
-    ),
-    time_constant=quantity.QuantitySpec(
-        "time constant",
-        "1/K",
-        "s",
-        quantity.Kind.DERIVED,
-        shown_unit="s",
-        lowest=0.0,
-        reciprocal_of="viscous_friction",
-    ),
-    input_gain=quantity.QuantitySpec(
-        "input gain",
-        "K_u",
-        "m/s^2",
-        shown_unit="m/s²",
-        in_rows=True,
-        need="gain",
-        across=quantity.AcrossFlights(
-            "input_gain",
-            logarithm=True,
-            covariates=(
-                quantity.Covariate("air_density", 1.0, 0.3),
-                quantity.Covariate("battery_voltage", 1.0, 1.0),
-                quantity.Covariate("mass", -1.0, 0.1),
-            ),
-            identified_by=("input_gain",),
-        ),
-    ),
-    hover_input=quantity.QuantitySpec(
-        "hover input",
-        "u_h",
-        "",
-        quantity.Kind.DERIVED,
-        in_rows=True,
-        need="hover",
-        across=quantity.AcrossFlights(
-            "hover_input",
-            logarithm=True,
-            largest=1.0,
-            covariates=(
-                quantity.Covariate("air_density", -0.75, 0.3),
-                quantity.Covariate("battery_voltage", -0.75, 0.75),
-                quantity.Covariate("mass", 0.75, 0.25),
-            ),
-        ),
-    ),
-    **LAG_QUANTITIES,
-    intercept=quantity.QuantitySpec("intercept", "b", "m/s^2", shown_unit="m/s²", by_run=True),
-    quadratic_drag=quantity.QuantitySpec("quadratic drag", "K_2", "1/m", shown_unit="1/m", optional=True),
-    ground_effect=quantity.QuantitySpec("ground effect", "k", "", optional=True),
-    voltage_exponent=quantity.QuantitySpec("voltage exponent", "n", "", optional=True),
-    thrust_curve=quantity.QuantitySpec("thrust curve", "c", "", optional=True),
-)
-QUANTITIES[EFFECTIVE_LAG] = replace(
-    QUANTITIES[EFFECTIVE_LAG],
-    in_rows=True,
-    across=quantity.AcrossFlights(
-        EFFECTIVE_LAG,
-        logarithm=True,
-        covariates=(quantity.Covariate("battery_voltage", 0.0, 1.0),),
-        identified_by=(ACTUATOR_LAG.name,),
-    ),
-)
-
-_MANOEUVRES = (
-    "Calm air, at least 3 m above the ground, position (or altitude) mode, tilt below 20°.",
-    "60 s of height steps of 2 m, up and down, a new one every 3 to 6 s at uneven times. Or a sweep of the "
-    "height setpoint of ±1 m from 0.1 to 0.5 Hz. Climb and descend at about 2 m/s.",
-    "Fly it two or three times and give all the logs: eivor identify LOG1 LOG2 LOG3 pools them.",
-)
-
-WORDS = quantity.Words(
-    title="Vertical motion",
-    model="vertical_motion",
-    fly=FLY,
-    limits="inside the window and below the largest tilt",
-    limited_by="tilt, window and gaps",
-    loosen="Widen the window, allow more tilt with --max-tilt, or fly level.",
-    no_reference="None is logged: no position, velocity or acceleration setpoint, and no stick.",
-    no_lag="The rotor speeds were measured:\nthere is no lag to find.",
-    advice=partial(quantity.flight_card, fly=_MANOEUVRES),
-    planned=("viscous_friction", "input_gain", EFFECTIVE_LAG),
-)
-
-#: Families of channels that may drive the model, in order of preference; telemetry of a few hertz is none
-#: where commands are logged.
-INPUTS = (
-    InputFamily("rotor_command", input_map="square", numbered=True),
-    InputFamily("rotor_speed", measured=True, input_map="square", numbered=True, least_rate_hz=19.5),
-    InputFamily("input"),
-    InputFamily("actuator_output", numbered=True),
-)
-#: What the vehicle was asked to do: what an identification mode adds to the throttle, the setpoints of a
-#: trajectory, and the pilot's stick. The velocity
-#: setpoint that a position loop computes answers the vehicle. In modes without height control nothing feeds
-#: back to the thrust, which is its own instrument: the stick is what it was made of, logged more slowly.
-REFERENCES = (
-    ReferenceSource("input", open_loop="input_open_loop"),
-    ReferenceSource("injected_throttle"),
-    ReferenceSource("reference_position_z", measured="position_z"),
-    ReferenceSource("reference_velocity_z", slope_of=("reference_position_z", "position_z")),
-    ReferenceSource("reference_acceleration_z"),
-    ReferenceSource("pilot_throttle", in_control="pilot_in_control"),
-    ReferenceSource("feedback_reference_velocity_z"),
-)
+TABLES = motion_tables("eivor.motions.vertical")
+QUANTITIES = QuantityTable(TABLES.quantities)
+INPUTS = TABLES.channels.inputs
 #: Band of spectral rows [Hz]; the upper end is lower when velocity is logged near 10 Hz.
 VERTICAL_BAND_HZ = (0.04, 5.0)
 SLOW_BAND_HZ = (0.04, 4.0)
@@ -209,7 +79,7 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
 
 def open_loop_findings(flights: tuple[PreparedFlight, ...]) -> list[Finding]:
     """Say that the thrust command is its own instrument, where it is."""
-    openly = {source.channel for source in REFERENCES if source.open_loop}
+    openly = {source.channel for source in TABLES.channels.references if source.open_loop}
     usable = dict.fromkeys(name for flight in flights for name in flight.usable_references)
     words = "in this mode of flight: it is its own instrument."
     openly_used = [name for name in usable if name in openly]

@@ -40,7 +40,7 @@ from eivor.motions.vertical.misspecification import (
 )
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.regression import GROUND, SUPPLY, TERMS, ThrustDrift, height_over_ground
-from eivor.motions.vertical.select import FLY, LOG_REFERENCE, QUANTITIES, QUICKER
+from eivor.motions.vertical.select import QUANTITIES, TABLES
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Finding
 from eivor.tools import Bool, Float
@@ -429,6 +429,8 @@ PARTS = (
 
 # -- Limits and rules --
 
+WORDS = TABLES.flight_words
+QUICKER = "Fly quicker steps, and log command and acceleration at 50 Hz or more."
 LARGER_STEPS = "Fly quicker and larger steps, which change the thrust more."
 LONGER = "Fly longer, faster climbs and descents, or pool several flights."
 CHECK_INPUT = "Check units and signs, and that the input is the command of this vehicle."
@@ -436,7 +438,7 @@ CHECK_SIGN = "Check the frame (z up, or NED), the input's sign and its map."
 CHECK_STAMPS = "Check that the input is the command of this vehicle, and its time stamps."
 #: Half-widths of identified and weak, as shares of the value or in its unit; wider is refused.
 LIMITS = {
-    FRICTION: verdict.Limit(0.5, 1.0, zero=Status.REFUSED, narrower=LONGER, away_from_zero=FLY),
+    FRICTION: verdict.Limit(0.5, 1.0, zero=Status.REFUSED, narrower=LONGER, away_from_zero=WORDS.fly),
     GAIN: verdict.Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LARGER_STEPS),
     EFFECTIVE_LAG: verdict.Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER),
     HOVER: verdict.Limit(0.025, 0.05, narrower="Fly longer, and come to rest between the climbs."),
@@ -452,13 +454,6 @@ FITS, BENDS = 0.05, 0.1
 LEAST_EXPONENT = 0.95
 #: An accelerometer that feels a gravity so far off is in another unit [m/s^2].
 OTHER_UNIT = 3.0
-WORDS = verdict.FlightWords(
-    fly=FLY,
-    log_reference=LOG_REFERENCE,
-    log_planned="Log the trajectory's position setpoint.",
-    moves="moves",
-    undisturbed="Keep the tilt small, stay off the ground, and check the input map.",
-)
 
 
 def _bend(inputs: VerdictInputs) -> str:
@@ -564,7 +559,7 @@ RULES = (
             f"The viscous friction came out at {inputs.value(FRICTION):.3g} 1/s, which no vehicle has: the "
             f"air or a feedback moved the vehicle more than the reference did.{inputs.moved}"
         ),
-        FLY,
+        WORDS.fly,
     ),
     verdict.Rule(
         (*OF_FRICTION, *OF_GAIN),
@@ -660,8 +655,6 @@ RULES = (
 
 # -- Hover --
 
-#: Parameters in which an autopilot keeps its own idea of the hover input.
-HOVER_PARAMETERS = ("MPC_THR_HOVER", "MOT_THST_HOVER")
 START, RANGE, ESTIMATE = "MPC_THR_HOVER", "HTE_THR_RANGE", "hover_thrust_estimate"
 #: The ends that the range is cut to, lower and upper.
 LOWER_END, UPPER_END = (0.0, 0.8), (0.2, 0.9)
