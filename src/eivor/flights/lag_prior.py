@@ -16,7 +16,6 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, QuantityEstimate, QuantitySpec
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, outcome_word
 from eivor.inference.distributions import chi_square_tail
-from eivor.logs.common import source_tables
 from eivor.models.lagged_runs import (
     ACTUATOR_LAG,
     ASYMMETRY,
@@ -33,6 +32,7 @@ from eivor.models.regression import Parameter
 from eivor.models.separable import Bounds, Prior, SeparableProblem, Values
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel
+from eivor.strict_toml import package_tables
 from eivor.tools import Float
 
 #: Sum of lag and delay, which a flight identifies better than either.
@@ -46,7 +46,7 @@ LAG_SUMS = {
 LEVEL = 0.95
 
 #: Lags as all motions call them, and the same as specifications.
-LAG_TABLES = source_tables("eivor.flights", "lags.toml")
+LAG_TABLES = package_tables("eivor.flights", "lags.toml")
 LAG_QUANTITIES = msgspec.convert(LAG_TABLES, dict[str, QuantitySpec])
 
 

@@ -34,11 +34,11 @@ from eivor.flights.quantity import (
 )
 from eivor.flights.references import ReferenceSource
 from eivor.flights.verdict import FlightWords, MotionChecks, Rule, SystematicPart
-from eivor.logs.common import source_tables
 from eivor.models.separable import InstrumentRule, SeparableProblem, Values
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
+from eivor.strict_toml import package_tables
 from eivor.tools import Float, Int
 
 #: How far ahead predictions look [s].
@@ -404,7 +404,7 @@ class MotionTables:
 
 def motion_tables(package: str) -> MotionTables:
     """Return the tables of a package; lags have the words of all motions beside what is given here."""
-    tables = source_tables(package, "motion.toml")
+    tables = package_tables(package, "motion.toml")
     tables["flight_words"]["fly"] = tables["words"]["fly"]
     given = tables.get("quantities", {}).items()
     tables["quantities"] = {name: {**LAG_TABLES.get(name, {}), **each} for name, each in given}
