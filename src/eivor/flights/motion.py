@@ -398,16 +398,18 @@ class MotionTables:
     words: Words
     flight_words: FlightWords
     channels: LogChannels
-    quantities: dict[str, QuantitySpec] = field(default_factory=dict)
+    quantities: dict[str, QuantitySpec]
     coupled_axes: tuple[CoupledAxis, ...] = ()
 
 
 def motion_tables(package: str) -> MotionTables:
-    """Return the tables of a package; lags have the words of all motions beside what is given here."""
+    """Return the tables of a package; of quantities, what is not given is as of all motions or as usual."""
     tables = package_tables(package, "motion.toml")
     tables["flight_words"]["fly"] = tables["words"]["fly"]
-    given = tables.get("quantities", {}).items()
-    tables["quantities"] = {name: {**LAG_TABLES.get(name, {}), **each} for name, each in given}
+    for name, given in tables["quantities"].items():
+        shown = given.get("unit", "").replace("^2", "²").replace("^3", "³")
+        usual = {"words": name.replace("_", " "), "shown_unit": shown} | LAG_TABLES.get(name, {})
+        tables["quantities"][name] = usual | given
     return msgspec.convert(tables, MotionTables)
 
 

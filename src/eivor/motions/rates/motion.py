@@ -14,7 +14,7 @@ from eivor.errors import EstimationError, InputError, MissingChannelError, Usage
 from eivor.estimation.estimate import Estimate
 from eivor.flights import quantity, verdict
 from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
-from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
+from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.motion import Abilities, Flights, FlightView, Prediction, Solver, motion_tables
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input
@@ -26,7 +26,6 @@ from eivor.models.lagged_runs import (
     DELAY,
     SECOND_LAG,
     SECOND_STAGE,
-    STAGES,
     TOLERANCE_S,
     AxisColumns,
     LaggedRuns,
@@ -77,15 +76,22 @@ LAGS_S = np.geomspace(0.004, 0.15, 30)
 DELAYS_S = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030)
 
 
+TABLES = motion_tables("eivor.motions.rates")
+QUANTITIES = quantity.QuantityTable(TABLES.quantities)
+
+
+def _term(name: str, of: str, *, behind: bool) -> Term:
+    return Term(name, of, QUANTITIES[name].symbol, QUANTITIES[name].unit, behind)
+
+
 def _equation(axis: Axis) -> AxisEquation:
     """P' = G u - D p, with the reaction J u' to the rotors' acceleration about yaw."""
-    letter = "pqr"[axis.number]
     terms = [
-        Term(f"{axis.name}_damping", f"-{axis.rate}", f"D_{letter}", "1/s"),
-        Term(f"{axis.name}_effectiveness", axis.torque, f"G_{letter}", "rad/s^2", behind=True),
+        _term(f"{axis.name}_damping", f"-{axis.rate}", behind=False),
+        _term(f"{axis.name}_effectiveness", axis.torque, behind=True),
     ]
     if axis is YAW:
-        terms.append(Term("yaw_reaction", f"ddt({axis.torque})", "J", "rad/s", behind=True))
+        terms.append(_term("yaw_reaction", f"ddt({axis.torque})", behind=True))
     return AxisEquation(
         axis.name,
         (axis.torque,),
@@ -111,7 +117,6 @@ def rate_panel(flight: PreparedFlight, axis: Axis) -> quantity.PlotData:
 
 # -- Select --
 
-TABLES = motion_tables("eivor.motions.rates")
 REFERENCES = tuple(source for axis in AXES for source in axis.references)
 #: Band of spectral rows [Hz], and how far it reaches where references move the setpoints.
 BAND_HZ, FURTHEST_HZ = (0.3, 8.0), 20.0
@@ -340,35 +345,6 @@ def axis_rules(axis: Axis) -> tuple[verdict.Rule, ...]:
     )
 
 
-def _spec(term: Term) -> quantity.QuantitySpec:
-    words, unit, of_yaw = term.name.replace("_", " "), term.unit, term.name.startswith("yaw")
-    decides = term.name in EFFECTS and not of_yaw
-    return quantity.QuantitySpec(
-        words,
-        term.symbol,
-        unit,
-        shown_unit=unit.replace("^2", "²"),
-        optional=of_yaw,
-        headline=decides,
-        in_rows=decides,
-        need="torque" * decides,
-    )
-
-
-_SPECS = {term.name: _spec(term) for equation in EQUATIONS for term in equation.terms}
-QUANTITIES = quantity.QuantityTable(
-    {
-        **{name: _SPECS[name] for name in EFFECTS},
-        "thrust_gain": quantity.QuantitySpec(
-            "thrust gain", "G_z", "m/s^2", shown_unit="m/s²", optional=True, need="gain"
-        ),
-        EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], in_rows=True),
-        **_SPECS,
-        ACTUATOR_LAG.name: LAG_QUANTITIES[ACTUATOR_LAG.name],
-        DELAY.name: LAG_QUANTITIES[DELAY.name],
-        **{name: LAG_QUANTITIES[name] for name in STAGES},
-    }
-)
 RULES = (
     verdict.seconds_rule(LEAST_S),
     *verdict.flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),

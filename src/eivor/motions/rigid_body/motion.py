@@ -41,6 +41,7 @@ from eivor.motions.rigid_body.regression import (
     PRODUCT,
     QUADRATIC_DRAG,
     QUANTITIES,
+    TABLES,
     TURNING,
     RotorColumns,
     noises_known,
@@ -145,7 +146,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     log, off = with_one_clock(log, comparisons(log, spans_s), vehicle.gyro_cutoff_hz)
     log, wind = in_still_air(log, spans_s)
     remedy = "Log the rotor commands or speeds at 100 Hz or more"
-    family, commands = chosen_input(log, verdict.TABLES.channels.inputs, options.input, remedy=remedy)
+    family, commands = chosen_input(log, TABLES.channels.inputs, options.input, remedy=remedy)
     family = replace(family, input_map=vehicle.thrust_map)
     if len(commands) != vehicle.count:
         expected = f"{vehicle.count} rotors, as the vehicle has"
@@ -399,12 +400,12 @@ class RigidBody(motion.Motion[LaggedRuns]):
     vehicle: KnownVehicle | None = None
 
     name = "rigid-body"
-    words = verdict.TABLES.words
-    equation = verdict.TABLES.equation
+    words = TABLES.words
+    equation = TABLES.equation
     quantities = QUANTITIES
     rules = verdict.all_rules(QUANTITIES)
     parts = verdict.PARTS
-    channels = replace(verdict.TABLES.channels, references=REFERENCES)
+    channels = replace(TABLES.channels, references=REFERENCES)
 
     @property
     def abilities(self) -> motion.Abilities:  # type: ignore[override]

@@ -10,9 +10,9 @@ from operator import itemgetter
 
 import numpy as np
 
-from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
+from eivor.flights.motion import motion_tables
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Kind, QuantitySpec, QuantityTable
+from eivor.flights.quantity import QuantityTable
 from eivor.models import lagged_runs, separable
 from eivor.models.regression import Parameter
 from eivor.models.signal_regression import cross_fitted
@@ -36,37 +36,40 @@ FORCE_Z_EQUATION = 5
 #: Axes along which a velocity turns the vehicle about each axis.
 ALONG_OTHERS = ((1, 2), (0, 2), (0, 1))
 
-COUPLING = tuple(Parameter(f"{name}_coupling", "") for name in TURNING)
-DAMPING = tuple(Parameter(f"{name}_damping", "1/s") for name in TURNING)
-DRAG = tuple(Parameter(f"drag_{name}", "1/s") for name in ALONG)
+TABLES = motion_tables("eivor.motions.rigid_body")
+QUANTITIES = QuantityTable(TABLES.quantities)
+
+
+def _parameters(name: str, *of: str) -> tuple[Parameter, ...]:
+    """Parameters whose names hold those of axes, with the units of their quantities."""
+    return tuple(Parameter(item, QUANTITIES[item].unit) for item in map(name.format, of))
+
+
+COUPLING, DAMPING = _parameters("{}_coupling", *TURNING), _parameters("{}_damping", *TURNING)
+DRAG = _parameters("drag_{}", *ALONG)
 #: Of the body, which goes with the size of the velocity, beside what the rotors drag.
-QUADRATIC_DRAG = tuple(Parameter(f"quadratic_drag_{name}", "1/m") for name in ALONG)
-#: Of the linear and the quadratic drag along z together, at the speeds of a flight.
-FRICTION = Parameter("viscous_friction", "1/s")
-LIFT = Parameter("translational_lift", "1/m")
+QUADRATIC_DRAG = _parameters("quadratic_drag_{}", *ALONG)
+#: The first is that of the linear and the quadratic drag along z together, at the speeds of a flight.
+FRICTION, LIFT, REACTION, THRUST = _parameters(
+    "{}", "viscous_friction", "translational_lift", "rotor_reaction", "thrust_gain"
+)
 #: What the lift of rotors that meet unequal air turns: k_h / I, which is h alpha_p / (N alpha_z) of N rotors.
-LIFT_MOMENT = (Parameter("roll_by_lift", "1/m^3"), Parameter("pitch_by_lift", "1/m^3"))
+LIFT_MOMENT = _parameters("{}_by_lift", *TURNING[:2])
 #: What drag beside the centre of mass turns: of each axis, by the velocities along the other two.
 DRAG_MOMENT = tuple(
-    tuple(Parameter(f"{name}_by_drag_{ALONG[along]}", "1/(m s)") for along in others)
+    _parameters(f"{name}_by_drag_{{}}", *(ALONG[along] for along in others))
     for name, others in zip(TURNING, ALONG_OTHERS, strict=True)
 )
 ALL_DRAG_MOMENTS = tuple(item for pair in DRAG_MOMENT for item in pair)
 #: What goes with the states of the rotors: these are for rotors at hover.
 AT_HOVER = (*DAMPING, *DRAG, *ALL_DRAG_MOMENTS)
 #: Of rotors that spin: J / Ixx and J / Iyy.
-GYROSCOPIC_MOMENT = (Parameter("roll_by_spin", ""), Parameter("pitch_by_spin", ""))
-GAIN = tuple(
-    Parameter(f"{name}_gain", unit)
-    for name, unit in zip(TURNING, ("rad/s^2/m", "rad/s^2/m", "rad/s^2"), strict=True)
-)
-OFFSET = (Parameter("roll_offset", "rad/s^2"), Parameter("pitch_offset", "rad/s^2"))
-REACTION = Parameter("rotor_reaction", "")
+GYROSCOPIC_MOMENT = _parameters("{}_by_spin", *TURNING[:2])
+GAIN, OFFSET = _parameters("{}_gain", *TURNING), _parameters("{}_offset", *TURNING[:2])
 #: Elements of the inertia matrix off its diagonal, over Ixx; minus the products of inertia.
-PRODUCT = tuple(Parameter(f"product_{pair}", "") for pair in ("xy", "xz", "yz"))
+PRODUCT = _parameters("product_{}", "xy", "xz", "yz")
 #: Rows and columns of these elements.
 PAIRS = ((0, 1), (0, 2), (1, 2))
-THRUST = Parameter("thrust_gain", "m/s^2")
 
 
 @dataclass(frozen=True)
@@ -121,8 +124,6 @@ class RigidTerm:
     """A parameter times a column, in one equation."""
 
     parameter: Parameter
-    words: str
-    symbol: str
     equation: int
     index: int  # Among the terms of its kind
     formula: Callable[[BodyMotion, int], Series]
@@ -136,17 +137,13 @@ class RigidTerm:
 
 def _terms(
     parameters: Iterable[Parameter],
-    words: str,
-    symbols: str,
     equations: Iterable[int],
     formula: Callable[[BodyMotion, int], Series],
     **kind: bool,
 ) -> Iterator[RigidTerm]:
-    """Terms of one kind; `words` hold the name of what an equation is of."""
-    rows = zip(parameters, symbols.split(), equations, strict=True)
-    for index, (parameter, symbol, equation) in enumerate(rows):
-        named = words.format((*TURNING, *ALONG)[equation], along=parameter.name[-1])
-        yield RigidTerm(parameter, named, symbol, equation, index, formula, **kind)
+    """Terms of one kind."""
+    for index, (parameter, equation) in enumerate(zip(parameters, equations, strict=True)):
+        yield RigidTerm(parameter, equation, index, formula, **kind)
 
 
 def _rolled(of: BodyMotion) -> tuple[Series, ...]:
@@ -163,17 +160,10 @@ _TILTING, _AXES, _FORCES = range(2), range(3), range(3, 6)
 #: Terms of all equations, those first that no lag moves.
 TERMS = (
     *_terms(
-        COUPLING,
-        "{} coupling",
-        "β_1 β_2 β_3",
-        _AXES,
-        lambda of, axis: of.rates[(axis + 1) % 3] * of.rates[(axis + 2) % 3],
-        moves=False,
+        COUPLING, _AXES, lambda of, axis: of.rates[(axis + 1) % 3] * of.rates[(axis + 2) % 3], moves=False
     ),
     *_terms(
         QUADRATIC_DRAG,
-        "quadratic drag along {}",
-        "c_x c_y c_z",
         _FORCES,
         lambda of, along: -np.linalg.norm(of.velocity, axis=0) * of.velocity[along],
         moves=False,
@@ -181,100 +171,29 @@ TERMS = (
     ),
     *_terms(
         LIFT_MOMENT,
-        "{} by lift",
-        "h_p h_q",
         _TILTING,
         lambda of, axis: (of.vehicle.roll, of.vehicle.pitch)[axis] @ of.across,
         moves=False,
         by_velocity=True,
     ),
-    *_terms(GAIN, "{} gain", "α_p α_q α_r", _AXES, lambda of, axis: _rolled(of)[axis], driving=True),
-    *_terms(DAMPING, "{} damping", "d_p d_q d_r", _AXES, _damped),
-    *_terms(OFFSET, "{} offset", "o_p o_q", _TILTING, lambda of, _: of.thrust[0], driving=True),
-    *_terms([REACTION], "rotor reaction", "j", [2], lambda of, _: of.spin_up, driving=True),
-    *_terms(GYROSCOPIC_MOMENT, "{} by spin", "j_p j_q", _TILTING, BodyMotion.gyroscopic),
+    *_terms(GAIN, _AXES, lambda of, axis: _rolled(of)[axis], driving=True),
+    *_terms(DAMPING, _AXES, _damped),
+    *_terms(OFFSET, _TILTING, lambda of, _: of.thrust[0], driving=True),
+    *_terms([REACTION], [2], lambda of, _: of.spin_up, driving=True),
+    *_terms(GYROSCOPIC_MOMENT, _TILTING, BodyMotion.gyroscopic),
     *_terms(
         ALL_DRAG_MOMENTS,
-        "{} by drag along {along}",
-        "L_y L_z M_x M_z N_x N_y",
         (0, 0, 1, 1, 2, 2),
         lambda of, index: (
             of.dragged(FORCE_X_EQUATION + ALONG_OTHERS[index // 2][index % 2]) / of.vehicle.count
         ),
         by_velocity=True,
     ),
-    *_terms([THRUST], "thrust gain", "α_z", [5], lambda of, _: of.thrust[0], driving=True),
-    *_terms(
-        DRAG,
-        "drag along {}",
-        "d_x d_y d_z",
-        _FORCES,
-        lambda of, along: -of.dragged(FORCE_X_EQUATION + along) / of.vehicle.count,
-    ),
-    *_terms([LIFT], "translational lift", "h", [5], lambda of, _: of.across.mean(axis=0), by_velocity=True),
+    *_terms([THRUST], [5], lambda of, _: of.thrust[0], driving=True),
+    *_terms(DRAG, _FORCES, lambda of, along: -of.dragged(FORCE_X_EQUATION + along) / of.vehicle.count),
+    *_terms([LIFT], [5], lambda of, _: of.across.mean(axis=0), by_velocity=True),
 )
 DRIVING = tuple(term.parameter for term in TERMS if term.driving)
-
-# -- Quantities --
-
-_HEADLINE = (THRUST, *GAIN[:2])
-#: What flight mechanics calls parameters, on axes that point forward, right and down.
-FIELD_SYMBOLS = dict(
-    zip(
-        (item.name for item in (*DAMPING, *DRAG, DRAG_MOMENT[0][0], DRAG_MOMENT[1][0])),
-        ("-L_p", "-M_q", "-N_r", "-X_u", "-Y_v", "-Z_w", "-L_v", "-M_u"),
-        strict=True,
-    )
-)
-
-
-def _spec(term: RigidTerm) -> QuantitySpec:
-    """How a parameter is called; those that need more than rates and rotors are optional."""
-    unit, headline = term.parameter.unit, term.parameter in _HEADLINE
-    return QuantitySpec(
-        term.words,
-        term.symbol,
-        unit,
-        shown_unit=unit.replace("^2", "²").replace("^3", "³"),
-        optional=term.by_velocity or term.equation >= FORCE_X_EQUATION,
-        headline=headline,
-        in_rows=headline,
-        need="gain" if term.parameter == THRUST else "torque" if term.parameter in GAIN[:2] else "",
-        field_symbol=FIELD_SYMBOLS.get(term.parameter.name, ""),
-    )
-
-
-_SPECS = {term.parameter.name: _spec(term) for term in TERMS} | {
-    **{
-        item.name: QuantitySpec(f"inertia {pair}", f"I_{pair}/I_xx", "", optional=True)
-        for item in PRODUCT
-        for pair in (item.name[-2:],)
-    },
-    **LAG_QUANTITIES,
-    EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], headline=True, in_rows=True),
-    FRICTION.name: QuantitySpec(
-        "viscous friction",
-        "K",
-        FRICTION.unit,
-        kind=Kind.DERIVED,
-        shown_unit="1/s",
-        optional=True,
-        need="friction",
-    ),
-}
-_PARAMETERS = (*COUPLING, *DAMPING, *DRAG, *QUADRATIC_DRAG, FRICTION, LIFT, *LIFT_MOMENT, *ALL_DRAG_MOMENTS)
-_ORDER = (
-    *(item.name for item in (THRUST, *GAIN)),
-    EFFECTIVE_LAG,
-    *(item.name for item in (*_PARAMETERS, *GYROSCOPIC_MOMENT, REACTION, *OFFSET)),
-    lagged_runs.ACTUATOR_LAG.name,
-    lagged_runs.DELAY.name,
-    *(item.name for item in PRODUCT),
-    *lagged_runs.STAGES,
-    *lagged_runs.LAGS_UP_AND_DOWN,
-    lagged_runs.ASYMMETRY.name,
-)
-QUANTITIES = QuantityTable({name: _SPECS[name] for name in _ORDER})
 
 # -- Velocity --
 

@@ -19,7 +19,7 @@ from eivor.errors import EivorError, InputError, ParameterError, UsageError, did
 from eivor.inference.distributions import normal_quantile
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import input_map
-from eivor.strict_toml import TomlTable, read_toml, toml_table
+from eivor.strict_toml import TomlTable, package_tables, read_toml, toml_table
 from eivor.tools import Float
 
 #: Parameters that identify them; Iyy / Ixx, and Izz / Ixx by either coupling, as formulas.
@@ -260,19 +260,9 @@ def _check_turning(positions: tuple[tuple[float, ...], ...], spins: tuple[int, .
         raise ParameterError(expected, f"positions {positions} with spins {spins}, which do not", remedy)
 
 
-_SIDE = math.sqrt(0.5)
-_PLACES = {
-    "front-left": (_SIDE, _SIDE),
-    "front-right": (_SIDE, -_SIDE),
-    "rear-left": (-_SIDE, _SIDE),
-    "rear-right": (-_SIDE, -_SIDE),
-    "front": (1.0, 0.0),
-    "rear": (-1.0, 0.0),
-    "left": (0.0, 1.0),
-    "right": (0.0, -1.0),
-}
 #: Spins, as seen from above.
 GYROSCOPIC_WORDS = {"cw": 1, "ccw": -1}
+_PLACES, _LAYOUTS = package_tables("eivor.motions.rigid_body", "layouts.toml").values()
 
 
 def _numbered(rotors: str) -> tuple[tuple[float, float, int], ...]:
@@ -281,21 +271,10 @@ def _numbered(rotors: str) -> tuple[tuple[float, float, int], ...]:
     return tuple((*_PLACES[corner], GYROSCOPIC_WORDS[spin]) for corner, spin in words)
 
 
-_ARDUPILOT_X = _numbered("front-right ccw, rear-left ccw, front-left cw, rear-right cw")
-_ARDUPILOT_PLUS = _numbered("right ccw, left ccw, front cw, rear cw")
 #: Rotors by layout and numbering.
 LAYOUTS = {
-    "quad-x": {
-        "px4": _ARDUPILOT_X,
-        "ardupilot": _ARDUPILOT_X,
-        "betaflight": _numbered("rear-right cw, front-right ccw, rear-left ccw, front-left cw"),
-        "crazyflie": _numbered("front-right ccw, rear-right cw, rear-left ccw, front-left cw"),
-    },
-    "quad-plus": {
-        "px4": _ARDUPILOT_PLUS,
-        "ardupilot": _ARDUPILOT_PLUS,
-        "betaflight": _numbered("rear cw, right ccw, left ccw, front cw"),
-    },
+    layout: {numbering: _numbered(rotors) for numbering, rotors in numberings.items()}
+    for layout, numberings in _LAYOUTS.items()
 }
 
 

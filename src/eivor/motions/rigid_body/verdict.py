@@ -17,7 +17,6 @@ from eivor.estimation.linear import OUTPUT_ERROR
 from eivor.estimation.methods import by_name, identify
 from eivor.flights import verdict
 from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities
-from eivor.flights.motion import motion_tables
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SimpleModel
 from eivor.inference.confidence_set import principal_axes
@@ -55,6 +54,7 @@ from eivor.motions.rigid_body.regression import (
     QUADRATIC_DRAG,
     REACTION,
     ROLL_EQUATION,
+    TABLES,
     TERMS,
     THRUST,
     YAW_EQUATION,
@@ -560,7 +560,6 @@ class RigidBodyChecks(verdict.MotionChecks):
 
 # -- Rule --
 
-TABLES = motion_tables("eivor.motions.rigid_body")
 FLIGHT_WORDS = TABLES.flight_words
 LEAST_HZ, LEAST_S = 45.0, 10.0
 LONGER = "Fly larger and quicker steps, or longer."
