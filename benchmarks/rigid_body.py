@@ -12,8 +12,7 @@ import numpy as np
 from _shared import arguments, least_seconds, machine
 
 from eivor.lab.scenario_files import shipped_rigid_body_flight
-from eivor.simulation.rigid_body import simulate_rigid_body_flights
-from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
+from eivor.simulation.rigid_body import RigidBodyFlightSpec, simulate_rigid_body_flights
 from validation.flight_recipe.rotorpy_flight import Vehicle, hover_speed, vehicle_parameters
 
 #: What all times are told for [s].

@@ -30,7 +30,7 @@ from eivor.lab.scenario_files import (
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.simulation.controller import FlightController, Sensor
 from eivor.simulation.environment import SensorNoise
-from eivor.simulation.rigid_body_spec import (
+from eivor.simulation.rigid_body import (
     AxisExcitations,
     Logged,
     RigidBodyFlightSpec,

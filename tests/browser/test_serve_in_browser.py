@@ -16,7 +16,7 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.report.card import card_entries, result_card
+from eivor.report.flight import card_entries, result_card
 from eivor.serve.app import ServeOptions, Server
 
 pytestmark = pytest.mark.thorough

@@ -27,7 +27,7 @@ from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, shipped_vehicles, vehicle_template
 from eivor.signals.recording import DataSheet
 from eivor.signals.thrust_map import input_map
-from eivor.simulation.rigid_body_spec import vehicle_text
+from eivor.simulation.rigid_body import vehicle_text
 from eivor.tools import Stage
 
 

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 from eivor.atomic_file import parquet_bytes
 from eivor.fleet.table import FLIGHTS, PAGE, FleetOptions, PageOf, flight_frame
-from eivor.logs.addresses import here
+from eivor.logs.read import here
 
 
 def row(name, **values):

@@ -21,7 +21,7 @@ from eivor.errors import InputError, UsageError
 from eivor.fleet.logs import given_covariates, logs_found, path_fields, with_covariates
 from eivor.fleet.run import compact_fleet, run_fleet
 from eivor.fleet.table import FleetFolder, FleetOptions, reports_there
-from eivor.logs.addresses import here, path_of
+from eivor.logs.read import here, path_of
 from fleets.fleet_rows import row, rows_of, write_fleet, write_logs
 from refusal_rows import calls, rows, table, without
 from validation.simulated_fleets import FleetSpec, fleet_rows

@@ -37,8 +37,7 @@ from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical, vertical_flight
 from eivor.motions.vertical.regression import vertical_problem
-from eivor.report.card import result_card
-from eivor.report.flight import checks
+from eivor.report.flight import checks, result_card
 from eivor.report.other_results import report_changes, track_document, track_figure, track_json, untold
 from eivor.report.terminal import on_terminal
 from eivor.signals.recording import Recording

@@ -41,7 +41,7 @@ from eivor.motions.rigid_body.regression import (
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.simulation.controller import Sensor
-from eivor.simulation.rigid_body_spec import Sensors
+from eivor.simulation.rigid_body import Sensors
 from motions.turning_logs import BODY, CRAZYFLIE, body_flown, combinations, known
 
 VEHICLE = CRAZYFLIE.vehicle

@@ -23,7 +23,7 @@ from eivor.motions.rigid_body.dynamics import side_by_side
 from eivor.motions.rigid_body.motion import refuse_other_turns
 from eivor.motions.vertical.motion import Vertical
 from eivor.simulation.controller import Sensor
-from eivor.simulation.rigid_body_spec import Sensors
+from eivor.simulation.rigid_body import Sensors
 from flights.flight_logs import changed, flown
 from motions.turning_logs import BODY, body_flown, combinations, turned
 from motions.vertical import test_sensors as sensors

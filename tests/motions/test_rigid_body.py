@@ -25,8 +25,7 @@ from eivor.motions.table import motion_by_name
 from eivor.report.flight import log_documents
 from eivor.report.json_document import json_document
 from eivor.simulation.controller import Sensor
-from eivor.simulation.rigid_body import RigidBodyFlight
-from eivor.simulation.rigid_body_spec import Sensors
+from eivor.simulation.rigid_body import RigidBodyFlight, Sensors
 from flights.flight_logs import changed
 from motions.turning_logs import BODY, CRAZYFLIE, DELAY_KNOWN, body_flown, combinations, known
 

@@ -30,8 +30,7 @@ from eivor.signals.filters import low_passed
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Recording
 from eivor.simulation.controller import Sensor
-from eivor.simulation.rigid_body import RigidBodyFlight
-from eivor.simulation.rigid_body_spec import Logged, Sensors, TorqueDisturbance
+from eivor.simulation.rigid_body import Logged, RigidBodyFlight, Sensors, TorqueDisturbance
 from motions.turning_logs import BODY, CRAZYFLIE, DELAY_KNOWN, body_flown, combinations
 
 ROTORS = CRAZYFLIE.vehicle.rotors

@@ -15,9 +15,8 @@ from eivor.flights.quantity import Quantity, QuantitySpec
 from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.inference.verdict import Cause, Reason, Status
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.card import result_card
 from eivor.report.document import Bullets, Card, CardLine, Document, Look, TableOf
-from eivor.report.flight import log_documents
+from eivor.report.flight import log_documents, result_card
 from eivor.report.inspection import inspection, inspection_document
 from eivor.report.json_document import json_document
 from eivor.report.rows import NO_NUMBER, QuantityRow

@@ -22,10 +22,9 @@ from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.card import result_card
 from eivor.report.document import Cell, Document, Facts, Section, table
 from eivor.report.figure_panels import Chart, Line, PlottedInterval, draw_forest, forest_picture
-from eivor.report.flight import log_documents
+from eivor.report.flight import log_documents, result_card
 from eivor.report.flight_page import MISSING, drawing, flight_page, packed
 from eivor.report.html import rendered
 from eivor.signals.recording import Finding, Recording

@@ -35,8 +35,7 @@ from eivor.simulation.excitation import (
     WhiteExcitation,
 )
 from eivor.simulation.known_logs import log_of_rigid_body_flight, viscous_friction
-from eivor.simulation.rigid_body import simulate_rigid_body_flights
-from eivor.simulation.rigid_body_spec import (
+from eivor.simulation.rigid_body import (
     STILL,
     AxisExcitations,
     Logged,
@@ -47,6 +46,7 @@ from eivor.simulation.rigid_body_spec import (
     quaternions,
     rotor_course,
     runge_kutta,
+    simulate_rigid_body_flights,
 )
 from eivor.simulation.vertical import BATCH, VerticalFlightSpec, simulate_vertical_flights
 from validation.effective_parameters import effective_parameters, truth_of

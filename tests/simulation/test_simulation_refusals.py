@@ -18,7 +18,7 @@ from eivor.lab.records import Intersample
 from eivor.simulation import excitation as e
 from eivor.simulation.controller import FlightController, Sensor
 from eivor.simulation.environment import SensorNoise
-from eivor.simulation.rigid_body_spec import Logged, Sensors, Wind
+from eivor.simulation.rigid_body import Logged, Sensors, Wind
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from eivor.strict_toml import read_toml
 from refusal_rows import calls, rows, table

@@ -24,13 +24,14 @@ from eivor.signals.noise import WhiteNoise
 from eivor.simulation.controller import FlightController, Sensor
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.excitation import RandomSteps
-from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
-from eivor.simulation.rigid_body_spec import (
+from eivor.simulation.rigid_body import (
     AxisExcitations,
     Logged,
+    RigidBodyFlight,
     RigidBodyFlightSpec,
     Sensors,
     TorqueDisturbance,
+    simulate_rigid_body_flights,
 )
 from validation.pages import markdown
 from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, may_be_within, share_text

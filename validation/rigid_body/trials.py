@@ -23,13 +23,13 @@ from eivor.signals.recording import Recording
 from eivor.simulation.controller import FlightController, Sensor
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.excitation import FilteredWhite, RandomSteps
-from eivor.simulation.rigid_body import simulate_rigid_body_flights
-from eivor.simulation.rigid_body_spec import (
+from eivor.simulation.rigid_body import (
     AxisExcitations,
     Logged,
     RigidBodyFlightSpec,
     Sensors,
     TorqueDisturbance,
+    simulate_rigid_body_flights,
 )
 from eivor.tools import Float
 from validation.flight_recipe.rotorpy_flight import Vehicle, rigid_body, vehicle_parameters

@@ -55,7 +55,7 @@ def log_paths(text: str) -> Iterable[Path]:
     """Files of a log as typed: of a folder, or of LOG@START:END."""
     # By name, since help loads no reader of logs.
     path: Path = resolve_name("eivor.cli.parsing:log_argument")(text)[0]
-    if not resolve_name("eivor.logs.addresses:is_local")(path):
+    if not resolve_name("eivor.logs.read:is_local")(path):
         return []
     return resolve_name("eivor.logs.common:folder_files")(path) if path.is_dir() else [path]
 

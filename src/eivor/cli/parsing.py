@@ -28,9 +28,8 @@ from eivor.flights.references import ESTIMATE, Declared
 from eivor.flights.result import LogEstimate
 from eivor.inference.verdict import Status
 from eivor.logs import read_log
-from eivor.logs.addresses import here, path_of
 from eivor.logs.common import UNITS, unit_fits
-from eivor.logs.read import EXAMPLE_FLIGHT, example_flight
+from eivor.logs.read import EXAMPLE_FLIGHT, example_flight, here, path_of
 from eivor.models.separable import Bounds, Prior
 from eivor.motions.declaration import load_machine
 from eivor.motions.identify import identify_log, motions_of

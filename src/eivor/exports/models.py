@@ -21,7 +21,7 @@ from eivor.motions.machine import Machine, SolvedEquation
 from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, speed_derivative
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import Mixed, Power
-from eivor.simulation.rigid_body_spec import quaternions
+from eivor.simulation.rigid_body import quaternions
 from eivor.tools import Float
 
 #: What the arrays of the vertical motion are made of.

@@ -35,7 +35,7 @@ from eivor.motions.rigid_body.vehicle import (
 )
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import InputMap
-from eivor.simulation.rigid_body_spec import STILL, runge_kutta
+from eivor.simulation.rigid_body import STILL, runge_kutta
 from eivor.strict_toml import package_tables
 from eivor.tools import Float
 

@@ -23,7 +23,7 @@ from eivor.fleet.report import fleet_document, fleet_json, fleet_page, flight_li
 from eivor.fleet.run import FleetRun, compact_fleet, run_fleet
 from eivor.fleet.table import COPY, FAILED, FleetOptions, given_maps, read_flights
 from eivor.inference.verdict import Status
-from eivor.logs.addresses import is_address, path_of
+from eivor.logs.read import is_address, path_of
 from eivor.process_pool import InProcess, Limits, LocalThreads, useful_workers
 from eivor.report.flight_page import flight_page
 from eivor.report.json_document import json_text

@@ -19,10 +19,9 @@ from typing import Any, cast
 import polars as pl
 
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.logs.addresses import is_address, path_of
 from eivor.logs.common import FolderParts
 from eivor.logs.mapping import fitting_map
-from eivor.logs.read import FURTHER_ENDINGS, folder_parts, format_at, log_formats
+from eivor.logs.read import FURTHER_ENDINGS, folder_parts, format_at, is_address, log_formats, path_of
 from eivor.logs.table.delimited import DELIMITERS, open_csv
 
 

@@ -29,7 +29,7 @@ from eivor.fleet.analysis import (
 from eivor.fleet.table import report_path, reports_there
 from eivor.flights.quantity import AcrossFlights, QuantitySpec
 from eivor.inference.random_effects import FEW
-from eivor.logs.addresses import is_local
+from eivor.logs.read import is_local
 from eivor.report import document as doc
 from eivor.report import figure_panels as plots
 from eivor.report.flight_page import Figures

@@ -20,9 +20,8 @@ from eivor.atomic_file import folder_lock
 from eivor.errors import InputError
 from eivor.fleet import table
 from eivor.fleet.logs import Log, LogList, LogsFound
-from eivor.logs.addresses import is_address, is_local, path_of
 from eivor.logs.common import folder_sha256, folder_size
-from eivor.logs.read import DEFAULT_MAX_BYTES, folder_parts
+from eivor.logs.read import DEFAULT_MAX_BYTES, folder_parts, is_address, is_local, path_of
 from eivor.tools import ItemsDone, no_items_callback
 
 

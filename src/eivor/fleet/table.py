@@ -30,9 +30,8 @@ from eivor.fleet.logs import Log, LogList, path_fields
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
-from eivor.logs.addresses import here, is_address, is_local, path_of
 from eivor.logs.channel_map import load_channel_map, shipped_maps
-from eivor.logs.read import format_at, read_log
+from eivor.logs.read import format_at, here, is_address, is_local, path_of, read_log
 from eivor.motions.identify import identify_flight
 from eivor.motions.table import DEFAULT, motion_by_name
 from eivor.process_pool import Limits

@@ -55,7 +55,7 @@ from eivor.report.figures import save_figure
 from eivor.report.json_document import document, json_text
 from eivor.report.saved_fit import fit_among, load_fits
 from eivor.simulation.known_logs import KnownLog, log_of_rigid_body_flight, logs_of_flights
-from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, vehicle_text
+from eivor.simulation.rigid_body import RigidBodyFlightSpec, vehicle_text
 from eivor.strict_toml import read_toml
 from eivor.tools import printable
 

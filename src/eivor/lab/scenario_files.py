@@ -30,7 +30,7 @@ from eivor.signals.noise import (
 )
 from eivor.simulation import excitation
 from eivor.simulation.environment import SensorNoise
-from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
+from eivor.simulation.rigid_body import RigidBodyFlightSpec
 from eivor.simulation.vertical import VerticalFlightSpec
 from eivor.strict_toml import TomlTable, read_toml
 

@@ -21,11 +21,18 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import PlotData, Trace
 from eivor.flights.result import FlightEstimate, FlightRow, LogEstimate
 from eivor.report import flight_figures
-from eivor.report.card import CardEntry, card_entries, result_card
 from eivor.report.document import Bullets, Cell, Document, Facts, Section, TableColumn, shortened, table
 from eivor.report.figure_panels import Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
-from eivor.report.flight import log_documents, reported_rows, row_quantities, spans_of
+from eivor.report.flight import (
+    CardEntry,
+    card_entries,
+    log_documents,
+    reported_rows,
+    result_card,
+    row_quantities,
+    spans_of,
+)
 from eivor.report.frequency_responses import response_pictures
 from eivor.report.html import rendered, uplot, whole_page
 from eivor.report.json_document import FitDocument, fit_document, json_document, log_document, number, plain

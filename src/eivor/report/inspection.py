@@ -20,8 +20,14 @@ from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.compatibility import Calibration, comparisons, wind_table
 from eivor.report import document as doc
-from eivor.report.card import result_card
-from eivor.report.flight import card_section, flight_steps, logging_advice_for, missing_channels, spans_of
+from eivor.report.flight import (
+    card_section,
+    flight_steps,
+    logging_advice_for,
+    missing_channels,
+    result_card,
+    spans_of,
+)
 from eivor.report.json_document import Json, document
 from eivor.report.rows import NO_NUMBER, plain_numbers
 from eivor.signals.recording import Channel, Finding, MadeChannels, Recording

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from eivor.checks import described
 from eivor.errors import UsageError
 from eivor.flights.result import FlightEstimate, LogEstimate
-from eivor.report.card import result_card
+from eivor.report.flight import result_card
 from eivor.report.flight_figures import flight_figure
 from eivor.report.html import asset, rendered
 from eivor.report.json_document import json_document, json_text, log_document

@@ -11,8 +11,12 @@ import numpy as np
 from eivor.errors import ParameterError
 from eivor.motions.rigid_body.dynamics import into_body, rotation
 from eivor.signals.recording import Recording
-from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
-from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
+from eivor.simulation.rigid_body import (
+    RigidBodyFlight,
+    RigidBodyFlightSpec,
+    RigidBodyTruth,
+    simulate_rigid_body_flights,
+)
 from eivor.simulation.vertical import STEP_S, VerticalFlightSpec, simulate_vertical_flights
 from eivor.strict_toml import package_tables
 
