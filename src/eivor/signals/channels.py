@@ -11,6 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from eivor.errors import UsageError
+from eivor.strict_toml import package_tables
 from eivor.tools import Float
 
 
@@ -71,45 +72,11 @@ def _vector(stem: str, unit: str, **kinds: bool) -> tuple[CanonicalChannel, ...]
     )
 
 
-#: The channels that every installation knows. `actuator_output_*` are motor outputs of an autopilot that may
-#: also log a thrust setpoint; they serve as input where it does not, and when asked for by name.
-BUILT_IN: tuple[CanonicalChannel, ...] = (
-    *_vector("position_", "m"),
-    *_vector("velocity_", "m/s"),
-    CanonicalChannel("acceleration_z", "m/s^2", flipped=True),
-    CanonicalChannel("specific_force_z", "m/s^2", flipped=True),
-    *_vector("specific_force_body_", "m/s^2"),
-    CanonicalChannel("attitude_w", ""),
-    *_vector("attitude_", ""),
-    CanonicalChannel("cos_tilt", ""),
-    *_vector("angular_rate_", "rad/s"),
-    CanonicalChannel("input", "", held=True, free_unit=True),
-    CanonicalChannel("rotor_command_*", "", held=True, free_unit=True),
-    CanonicalChannel("rotor_speed_*", "", free_unit=True),
-    CanonicalChannel("actuator_output_*", "", held=True, free_unit=True),
-    CanonicalChannel("airspeed", "m/s"),
-    CanonicalChannel("battery_voltage", "V"),
-    CanonicalChannel("air_density", "kg/m^3"),
-    CanonicalChannel("air_temperature", "degC"),
-    CanonicalChannel("hover_thrust_estimate", ""),
-    CanonicalChannel("reference_position_z", "m", held=True, flipped=True, exogenous=True),
-    CanonicalChannel("reference_velocity_z", "m/s", held=True, flipped=True, exogenous=True),
-    CanonicalChannel("reference_acceleration_z", "m/s^2", held=True, flipped=True, exogenous=True),
-    CanonicalChannel("feedback_reference_velocity_z", "m/s", held=True, flipped=True),
-    *_vector("torque_setpoint_", "", held=True, free_unit=True),
-    *_vector("injected_torque_", "", held=True, free_unit=True, exogenous=True),
-    CanonicalChannel("injected_throttle", "", held=True, free_unit=True, exogenous=True),
-    CanonicalChannel("pilot_throttle", "", held=True, free_unit=True, exogenous=True),
-    CanonicalChannel("pilot_in_control", "", held=True, exogenous=True),
-    CanonicalChannel("input_open_loop", "", held=True, exogenous=True),
-    *_vector("reference_", "rad", held=True, exogenous=True),
-    *_vector("feedback_reference_", "rad", held=True),
-    *_vector("reference_angular_rate_", "rad/s", held=True, exogenous=True),
-    *_vector("feedback_reference_angular_rate_", "rad/s", held=True),
-    CanonicalChannel("pilot_sets_attitude", "", held=True, exogenous=True),
-    *_vector("pilot_", "", held=True, free_unit=True, exogenous=True),
-    CanonicalChannel("landed", "", held=True),
-    CanonicalChannel("ground_contact", "", held=True),
+#: The channels that every installation knows.
+BUILT_IN: tuple[CanonicalChannel, ...] = tuple(
+    channel
+    for name, row in package_tables("eivor.signals", "channels.toml").items()
+    for channel in (_vector(name, **row) if name.endswith("_") else (CanonicalChannel(name, **row),))
 )
 
 #: By name; grows by what motions declare.
