@@ -29,17 +29,6 @@ NAMES = {
     for name in EVERY
 }
 FOLDER_FILES = (PAGE, *NAMES.values())
-EXPORT_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 all that the target has is written. 3 something is not identified: it is a "
-    "comment in the file with its reason, or, where the target cannot do without it, there is no file. "
-    "2 wrong usage, such as rotor speeds for an autopilot's share of thrust. 1 a file that cannot be read "
-    "or written.\n\n"
-    "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), betaflight (text), statespace (JSON), casadi "
-    "(Python), matlab (.mat). Simulators need a mass and a vehicle: sih (PX4's, .params), rotorpy (Python), "
-    "mujoco (MJCF), pybullet (Python), urdf, gazebo (SDF), px4-gazebo (XML), sitl (JSON), sitl-parameters "
-    "(.parm), drone-models (Python). The word all writes those that the result supports into a folder, with "
-    "a page."
-)
 
 
 @outputs.guarded

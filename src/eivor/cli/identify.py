@@ -55,14 +55,6 @@ NeedsOption = Annotated[
         values=NEEDS,
     ),
 ]
-IDENTIFY_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 all that --for names is identified; without it, any of hover, lag, gain, "
-    "friction and torque. 3 not so (the numbers are printed all the same). 2 wrong usage. 1 a log that "
-    "cannot be read, or a file that cannot be written (the numbers are printed all the same).\n\n"
-    "[bold]JSON[/bold] (schema eivor.identify/2): lists of what is identified, weak and refused, and "
-    "provenance. For each motion parameters and derived quantities, each with value, unit, std_error, "
-    "interval and its own verdict; diagnostics and findings."
-)
 
 
 @declared(LogWords, FlightWords, home="results")
@@ -92,13 +84,6 @@ def identify(
     """Identify what logs support: vertical motion, turning, and the rigid body of a --vehicle."""
 
 
-REPORT_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: those of eivor identify; the page is written with 3, too. 1 a log that cannot "
-    "be read, or a page that cannot be written.\n\n"
-    "The page holds the JSON of `eivor identify --json` too, and saves it."
-)
-
-
 @declared(LogWords, FlightWords, home="results")
 def report(
     *,
@@ -109,13 +94,6 @@ def report(
     """Write what eivor identify finds as one page to look at and to send: verdict, numbers, pictures."""
 
 
-TRACK_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the parameter is identified somewhere in the log, changes or not. 3 it "
-    "is identified nowhere. 2 wrong usage. 1 a log that cannot be read, or a file that cannot be written "
-    "(what was found is printed all the same).\n\n"
-    "[bold]JSON[/bold] (schema eivor.track/1): the parameter with its interval at each moment, changes, and "
-    "what was taken as known."
-)
 #: Of `identify`.
 TRACK_OPTIONS = (
     *("example", "window", "max_tilt", "input_channel", "input_map", "instruments"),
@@ -158,18 +136,6 @@ def track(
     """Follow a parameter over a log: the thrust gain, which a worn propeller lowers, or any of a machine."""
 
 
-VALIDATE_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the fit predicts the flight better than the simpler models do, and the "
-    "flight by itself contradicts no quantity. 3 otherwise (the numbers are printed all the same). 2 wrong "
-    "usage, such as a result without an estimate. 1 a file that cannot be read or written (the numbers are "
-    "printed all the same). Predictions are in open loop; of turning and of the rigid body they are half a "
-    "second ahead.\n\n"
-    "[bold]JSON[/bold] (schema eivor.validate/1): for each model and quantity the RMS error and the share "
-    "explained, over all runs; quantities of fit and flight with p-values. Of turning and of "
-    "the rigid body the RMS error after .1 to .5 s."
-)
-
-
 @declared(LogWords, FlightWords, only=("window", "max_tilt", "channel_map"))
 def validate(
     fit: FitArgument,
@@ -189,15 +155,6 @@ def validate(
     **given: Any,
 ) -> None:
     """Predict another flight by a result, beside simpler models of the flights that it came from."""
-
-
-FREQUENCY_RESPONSE_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 shown at some frequencies. 3 nothing is shown, the reference answers the "
-    "output, or the log has none and the direct estimate is shown, which is biased in closed loop. 2 wrong "
-    "usage. 1 a log that cannot be read, or without input and output.\n\n"
-    "[bold]JSON[/bold] (schema eivor.frequency-response/1): for each axis the response with bands and "
-    "coherences, models by order, and controllers."
-)
 
 
 #: Of `identify`.

@@ -39,7 +39,7 @@ EXAMPLES = {
     "machine show": "rover",
 }
 #: Commands in the order of help: heading, module, and what `eivor --help` says. The module has the command or
-#: group by its name, and NAME_EXIT_CODES of a command; those of other rooms and packages are entry points.
+#: group by its name; those of other rooms and packages are entry points.
 COMMANDS = {
     "identify": (
         "Identify",
@@ -155,8 +155,9 @@ def _add(made: typer.Typer, name: str, target: str, panel: str | None) -> None:
     if isinstance(command, typer.Typer):
         made.add_typer(command, rich_help_panel=panel)
     else:
-        epilog = getattr(module, f"{name.upper().replace('-', '_')}_EXIT_CODES")
-        made.command(epilog=epilog, cls=outputs.ReadableCommand, rich_help_panel=panel)(command)
+        made.command(epilog=outputs.exit_codes(name), cls=outputs.ReadableCommand, rich_help_panel=panel)(
+            command
+        )
 
 
 def __getattr__(name: str) -> object:

@@ -28,6 +28,7 @@ from typer.core import TyperCommand, TyperOption
 from eivor import tools
 from eivor.atomic_file import check_writable, write_atomically
 from eivor.errors import EivorError, InputError, UsageError
+from eivor.strict_toml import package_tables
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -584,9 +585,18 @@ class ReadableCommand(TyperCommand):
         return super().invoke(ctx)
 
 
+def exit_codes(command: str) -> str:
+    """What stands below the help of a command: its exit codes first."""
+    return f"[bold]Exit codes[/bold]: {package_tables('eivor.cli', 'exit_codes.toml')[command]}"
+
+
 def command(
-    app: typer.Typer, epilog: str, name: str | None = None, about: str | None = None
+    app: typer.Typer, name: str | None = None, about: str | None = None
 ) -> Callable[[Callable[P, ExitCode | None]], Callable[P, None]]:
     """Make a function a command of a group, with its exit codes below its help."""
-    added = app.command(name, cls=ReadableCommand, epilog=epilog, help=about)
-    return lambda function: added(guarded(function))
+
+    def added(function: Callable[P, ExitCode | None]) -> Callable[P, None]:
+        epilog = exit_codes(f"{app.info.name} {name or function.__name__}")
+        return app.command(name, cls=ReadableCommand, epilog=epilog, help=about)(guarded(function))
+
+    return added

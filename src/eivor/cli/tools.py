@@ -128,21 +128,16 @@ def _cause(error: OSError) -> str:
 
 
 example = group("example", "The example flight that comes with Eivor, and public real logs to try it on.")
-NO_FAILURE = "[bold]Exit codes[/bold]: 0 done; 2 wrong usage."
 
 
-@command(example, NO_FAILURE, "list")
+@command(example, "list")
 def list_logs() -> None:
     """List the public real logs that can be fetched."""
     logs = public_logs().values()
     show_table(("name", "what it is", "licence"), ((log.name, log.about, log.licence) for log in logs))
 
 
-@command(
-    example,
-    "[bold]Exit codes[/bold]: 0 the file is there; 1 no network, wrong content, or a folder that cannot be "
-    "written; 2 wrong usage.",
-)
+@command(example)
 def fetch(
     name: Annotated[
         str, argument("NAME", "A name out of eivor example list.", "eivor.cli.tools:public_logs")
@@ -161,12 +156,6 @@ def fetch(
     with step(f"Downloading {log.file_name}"):
         path = fetched(log, folder=folder)
     write(f"{path}\n")
-
-
-INSPECT_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the log can be read, whatever identify would say. 2 wrong usage. 1 a log "
-    "that cannot be read, or a file that cannot be written (the list is printed all the same)."
-)
 
 
 @guarded
@@ -202,15 +191,6 @@ def inspect(
     deliver_result(
         lambda: on_terminal(made(inspected)), lambda: json_text(inspection.inspection_json(inspected)), json
     )
-
-
-PLAN_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 planned, and identified in most of its simulated flights, or of a machine by "
-    "the formula. 3 planned, and not identified so: give it more time, or wider limits. 2 wrong usage. 1 a "
-    "file that cannot be read or written, or limits that no flight keeps.\n\n"
-    "[bold]JSON[/bold] (schema eivor.plan/1): the setpoint in words, the limits, and for friction, gain and "
-    "lag, or the parameters of a machine, the half-width that is expected."
-)
 
 
 @guarded
@@ -327,10 +307,6 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
 
 
 NEW_FILE = argument("[FILE.toml]", "Where to; without it, it is printed.")
-NEW_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 written; 2 wrong usage, such as a file that exists; 1 a file that cannot be "
-    "written."
-)
 
 
 def _shipped_group(
@@ -345,15 +321,11 @@ def _shipped_group(
     app = group(what, about)
     name_or_file = argument("NAME|FILE.toml", "A name out of the list, or a file.", names)
 
-    @command(app, NO_FAILURE, "list", f"List the {what}s that come with Eivor.")
+    @command(app, "list", f"List the {what}s that come with Eivor.")
     def list_shipped() -> None:
         show_table(titles, rows())
 
-    failures = f"2 wrong usage; 1 a {what} that is not known, or a file with something wrong in it."
-
-    @command(
-        app, f"[bold]Exit codes[/bold]: 0 done; {failures}", about=f"Check a {what}'s file, and print it."
-    )
+    @command(app, about=f"Check a {what}'s file, and print it.")
     def show(file: Annotated[str, Reads()] = name_or_file) -> None:
         load(file)
         write(text(file))
@@ -384,7 +356,7 @@ vehicle = _shipped_group(
 )
 
 
-@command(vehicle, NEW_EXIT_CODES, "new")
+@command(vehicle, "new")
 def new_vehicle(file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT) -> None:
     """Write a vehicle file to begin with: every key, with what it means."""
     _begun("a vehicle", vehicle_files.vehicle_template(), file)
@@ -403,7 +375,7 @@ machine = _shipped_group(
 )
 
 
-@command(machine, NEW_EXIT_CODES, "new")
+@command(machine, "new")
 def new_machine(
     file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT,
     *,

@@ -46,14 +46,7 @@ FleetArgument = Annotated[
 ]
 
 
-@outputs.command(
-    app,
-    name="run",
-    epilog="[bold]Exit codes[/bold]: 0 every log has a row, also those that could not be identified. 2 wrong "
-    "usage, such as a folder that was begun with other options. 1 no logs, a folder that cannot be read or "
-    "written, one on which another run works, or a cluster that was lost. 130 interrupted. Rows that were "
-    "written are kept: the same command goes on.",
-)
+@outputs.command(app, "run")
 @outputs.with_options(FlightWords, only=("input_channel", "input_map", "max_tilt"))
 def run_command(
     logs: Annotated[
@@ -162,11 +155,7 @@ def _report(done: FleetRun, out: str) -> RenderableType:
     )
 
 
-@outputs.command(
-    app,
-    "[bold]Exit codes[/bold]: 0 done; 2 wrong usage, such as a query that does not exist; 1 a fleet "
-    "that cannot be read, or a file that cannot be written.",
-)
+@outputs.command(app)
 def query(
     fleet: FleetArgument,
     what: Annotated[
@@ -190,11 +179,7 @@ def query(
         outputs.write_out(answer.write_csv(), csv)
 
 
-@outputs.command(
-    app,
-    "[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a fleet that cannot be read or written, or on "
-    "which a run works.",
-)
+@outputs.command(app)
 def compact(fleet: FleetArgument) -> None:
     """Put a fleet's rows into few files with the same columns, as every run does at its end."""
     with outputs.step("Putting rows together"):
@@ -202,13 +187,7 @@ def compact(fleet: FleetArgument) -> None:
     outputs.show(Text(f"{rows} rows in {files} {'file' if files == 1 else 'files'}"))
 
 
-@outputs.command(
-    app,
-    "[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a fleet that cannot be read, or a file that "
-    "cannot be written (what was found is printed all the same).\n\n"
-    "[bold]JSON[/bold] (schema eivor.fleet_report/1): every vehicle and type with what is pooled, what "
-    "changes, and what was left out.",
-)
+@outputs.command(app)
 def report(
     fleet: FleetArgument,
     *,

@@ -65,9 +65,6 @@ if TYPE_CHECKING:
 
 #: The word for every reading.
 ALL = "all"
-PAPER_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 done, whatever came out; 2 wrong usage; 1 a file that cannot be written."
-)
 
 
 @guarded
@@ -144,12 +141,6 @@ def _folder(text: str) -> Path:
         received = f"'{text}', for which the system says: {error.strerror or error}"
         raise InputError("a folder for the figures", received, "Choose another.") from error
     return folder
-
-
-SIMULATE_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 written; 2 wrong usage; 1 a scenario that cannot be read or is not one, or a "
-    "file that cannot be written."
-)
 
 
 @guarded
@@ -258,13 +249,6 @@ def _simulated(scenario: Simulated, seed: int) -> KnownLog:
     if isinstance(scenario, RigidBodyFlightSpec):
         return log_of_rigid_body_flight(replace(scenario, seed=seed))
     return next(logs_of_flights([replace(scenario, seed=seed)]))
-
-
-STUDY_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the study is complete. 2 wrong usage, such as a folder that holds another "
-    "study. 1 a study that cannot be read, a file that cannot be written, a worker that was lost, or no "
-    "estimate in any trial. 130 interrupted. Complete trials are kept: the same command goes on."
-)
 
 
 @guarded

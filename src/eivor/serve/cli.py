@@ -23,12 +23,6 @@ STOPS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 #: How often it is looked whether to stop [s].
 LOOK_S = 0.1
 
-SERVE_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 stopped, by Ctrl-C or otherwise; 2 wrong usage; 1 a port that is taken.\n\n"
-    "Nothing leaves this machine: the page is on 127.0.0.1 only, and its address has a token of this run. "
-    "Logs and results are files of a private folder, forgotten after an hour and deleted at the end."
-)
-
 
 @guarded
 def serve(
