@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import tomllib
 from collections.abc import Mapping
@@ -184,6 +185,42 @@ def read_toml(path: Path, what: str, error: type[InputError] = InputError) -> To
 def package_tables(package: str, file: str = "sources.toml") -> dict[str, Any]:
     """Tables of a file that comes with a package."""
     return tomllib.loads((resources.files(package) / file).read_text(encoding="utf-8"))
+
+
+ENDING = ".toml"
+
+
+@dataclass(frozen=True)
+class TomlFiles:
+    """Files of one kind: those that come with Eivor in a folder of a package, and a user's own."""
+
+    package: str
+    folder: str
+    what: str  # A file of the kind, in words
+    remedy: str  # What to do about a name that is none
+    error: type[InputError] = InputError
+
+    def names(self) -> tuple[str, ...]:
+        """Names of those that come with Eivor."""
+        names = (entry.name for entry in (resources.files(self.package) / self.folder).iterdir())
+        return tuple(sorted(name.removesuffix(ENDING) for name in names if name.endswith(ENDING)))
+
+    def text(self, source: str | os.PathLike[str]) -> str:
+        """Text of such a name, or of a file."""
+        shipped = resources.files(self.package) / self.folder / f"{source}{ENDING}"
+        return (shipped if source in self.names() else Path(source)).read_text(encoding="utf-8")
+
+    def table(self, source: str | os.PathLike[str]) -> TomlTable:
+        """Top table of the same."""
+        name, path, names = os.fspath(source), Path(source), self.names()
+        if name in names:
+            return toml_table(self.text(name), Path(f"{name}{ENDING}"), self.what, self.error)
+        known = path.suffix == ENDING or path.parent != Path()
+        if not known and not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for long names
+            expected = f"{self.what}: a file that ends in {ENDING}, or one of {', '.join(names)}"
+            received = f"'{name}', which is no file"
+            raise self.error(expected, received, did_you_mean(name, names, self.remedy))
+        return read_toml(path, self.what, self.error)
 
 
 def toml_table(text: str, path: Path, what: str, error: type[InputError] = InputError) -> TomlTable:

@@ -56,7 +56,7 @@ from eivor.report.saved_fit import fit_among, load_fits
 from eivor.report.terminal import on_terminal
 from eivor.report.validation import validate as validated
 from eivor.report.validation import validation_document
-from eivor.strict_toml import package_tables
+from eivor.strict_toml import ENDING, package_tables
 
 #: Folder of the downloads, in place of the user's cache folder.
 CACHE_VARIABLE = "EIVOR_CACHE"
@@ -335,8 +335,8 @@ def _shipped_group(
 
 def _begun(what: str, text: str, file: str) -> None:
     is_file = file != STANDARD_OUTPUT
-    if is_file and Path(file).suffix != vehicle_files.ENDING:
-        raise UsageError(f"{what} file that ends in {vehicle_files.ENDING}", f"'{file}'", "Add the ending.")
+    if is_file and Path(file).suffix != ENDING:
+        raise UsageError(f"{what} file that ends in {ENDING}", f"'{file}'", "Add the ending.")
     if is_file and os.path.lexists(file):
         received = f"'{file}', which would be lost"
         raise UsageError("a file that does not exist yet", received, "Choose another name.")

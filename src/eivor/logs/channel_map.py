@@ -9,7 +9,6 @@ import sys
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -22,7 +21,7 @@ from eivor.signals.channels import CurveSide, canonical_channel, canonical_chann
 from eivor.signals.filters import lagged_between_stamps, time_derivative
 from eivor.signals.recording import DataSheet, Frame
 from eivor.signals.thrust_map import input_map
-from eivor.strict_toml import Text, TomlTable, read_toml, toml_table
+from eivor.strict_toml import Text, TomlFiles, TomlTable, toml_table
 from eivor.tools import Float
 
 #: Elementwise functions; how many arguments one has is the ufunc's `nin`.
@@ -343,23 +342,13 @@ class ChannelMap:
         return tuple(dict.fromkeys((self.time_column, *columns_of(rules))))
 
 
-def shipped_maps() -> tuple[str, ...]:
-    """Names of the maps that come with Eivor."""
-    names = (entry.name for entry in (resources.files("eivor.logs") / "maps").iterdir())
-    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+MAPS = TomlFiles("eivor.logs", "maps", "a channel map", "Check the name of the map.", ChannelMapError)
+shipped_maps = MAPS.names
 
 
 def load_channel_map(source: str | os.PathLike[str]) -> ChannelMap:
     """Load a map by the name of a shipped one or by its path, and check every key of it."""
-    if isinstance(source, str) and source in shipped_maps():
-        text = (resources.files("eivor.logs") / "maps" / f"{source}.toml").read_text(encoding="utf-8")
-        return parse_channel_map(text, f"{source}.toml")
-    path = Path(source)
-    if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for names that are too long
-        expected = f"a channel map: a TOML file, or one of the shipped maps {', '.join(shipped_maps())}"
-        remedy = did_you_mean(str(source), shipped_maps(), "Check the name of the map.")
-        raise ChannelMapError(expected, f"'{path}', which is no file", remedy)
-    return _channel_map(read_toml(path, "a channel map", ChannelMapError))
+    return _channel_map(MAPS.table(source))
 
 
 def parse_channel_map(text: str, origin: str) -> ChannelMap:

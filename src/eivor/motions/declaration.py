@@ -8,16 +8,14 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from importlib import resources
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
 from eivor import checks
-from eivor.errors import ChannelMapError, InputError, did_you_mean
+from eivor.errors import ChannelMapError, did_you_mean
 from eivor.flights.references import ReferenceSource
 from eivor.logs.channel_map import Expression, InTime
 from eivor.motions.equation import AxisEquation, Mirror, Term, parsed
@@ -25,11 +23,10 @@ from eivor.motions.machine import Activity, Derived, Machine, MachineChannel
 from eivor.motions.units import Unit, UnitError, over, parsed_unit, unit_of, unit_text
 from eivor.signals.channels import BUILT_IN, canonical_channel, declare_channels
 from eivor.signals.recording import DataSheet
-from eivor.strict_toml import Text, TomlTable, read_toml, toml_table
+from eivor.strict_toml import Text, TomlFiles, TomlTable
 
 # -- Structures of the file --
 
-ENDING = ".toml"
 #: Lags and delays that are searched, of the range that is declared.
 LAGS, DELAYS = 16, 5
 LONGEST_MS = 20_000.0
@@ -240,27 +237,11 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         When there is none, or the file has something wrong in it.
     """
     checks.path("source", source)
-    path, name, shipped = Path(source), str(source), shipped_machines()
-    if name not in shipped and path.suffix != ENDING and not path.is_file():
-        expected = f"a machine: a file that ends in {ENDING}, or one of {', '.join(shipped)}"
-        raise InputError(expected, f"'{name}'", did_you_mean(name, shipped, "Check the name."))
-    if name not in shipped:
-        return machine_of(replace(read_toml(path, "a machine"), text=machine_text(name)))
-    text = machine_text(name)
-    return machine_of(replace(toml_table(text, Path(f"{name}{ENDING}"), "a machine"), text=text))
+    return machine_of(replace(MACHINES.table(source), text=MACHINES.text(source)))
 
 
-def shipped_machines() -> tuple[str, ...]:
-    """Names of the machines that come with Eivor."""
-    names = (entry.name for entry in (resources.files("eivor.motions") / "machines").iterdir())
-    return tuple(sorted(name.removesuffix(ENDING) for name in names if name.endswith(ENDING)))
-
-
-def machine_text(name: str) -> str:
-    """Text of a shipped machine, or of a file."""
-    if name not in shipped_machines():
-        return Path(name).read_text(encoding="utf-8")
-    return (resources.files("eivor.motions") / "machines" / f"{name}{ENDING}").read_text(encoding="utf-8")
+MACHINES = TomlFiles("eivor.motions", "machines", "a machine", "Check the name.")
+shipped_machines, machine_text = MACHINES.names, MACHINES.text
 
 
 def _plain(value: Any) -> Any:

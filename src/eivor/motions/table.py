@@ -11,9 +11,9 @@ from eivor import checks
 from eivor.errors import UsageError
 from eivor.flights.motion import Motion
 from eivor.flights.quantity import QuantitySpec
-from eivor.motions.declaration import ENDING, load_machine, machine_of, shipped_machines
+from eivor.motions.declaration import load_machine, machine_of, shipped_machines
 from eivor.signals.channels import declare_channels
-from eivor.strict_toml import TomlTable
+from eivor.strict_toml import ENDING, TomlTable
 
 #: Group of the entry points of other packages.
 GROUP = "eivor.motions"

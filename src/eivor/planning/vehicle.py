@@ -241,6 +241,7 @@ class VehicleGuess:
             checks.kind("densities", self.densities, Densities, "Densities", "Leave it out.")
         if self.controller is not None:
             checks.kind("controller", self.controller, AltitudeController, "a controller", "Leave it out.")
+        checks.flag("issue_times_known", self.issue_times_known)
         checks.text("requested", self.requested)
 
     @property

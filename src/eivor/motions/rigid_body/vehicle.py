@@ -8,18 +8,17 @@ from collections.abc import Mapping, Sized
 from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
 from eivor import checks
-from eivor.errors import EivorError, InputError, ParameterError, UsageError, did_you_mean
+from eivor.errors import EivorError, InputError, ParameterError, UsageError
 from eivor.inference.distributions import normal_quantile
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import input_map
-from eivor.strict_toml import TomlTable, package_tables, read_toml, toml_table
+from eivor.strict_toml import ENDING, TomlFiles, TomlTable, package_tables
 from eivor.tools import Float
 
 #: Parameters that identify them; Iyy / Ixx, and Izz / Ixx by either coupling, as formulas.
@@ -296,37 +295,21 @@ def vehicle_from_record(record: object) -> KnownVehicle:
 #: Positions, spins, and what the positions have to be multiplied by.
 RotorTable = tuple[tuple[tuple[float, float], ...], tuple[int, ...], KnownNumber | None]
 
-WHAT = "a vehicle"
-ENDING = ".toml"
 TEMPLATE = "vehicle_template.toml"
 #: Lengths of arms [m].
 LEAST_ARM, LARGEST_ARM = 5e-3, 10.0
 
 
-def shipped_vehicles() -> tuple[str, ...]:
-    """Names of the vehicles that come with Eivor."""
-    folder = resources.files("eivor.motions.rigid_body") / "vehicles"
-    names = (entry.name for entry in folder.iterdir())
-    return tuple(sorted(name.removesuffix(ENDING) for name in names if name.endswith(ENDING)))
+VEHICLES = TomlFiles(
+    "eivor.motions.rigid_body", "vehicles", "a vehicle", "`eivor vehicle new` writes a file to begin with."
+)
+shipped_vehicles, vehicle_text = VEHICLES.names, VEHICLES.text
 
 
 def load_vehicle(source: str | os.PathLike[str]) -> KnownVehicle:
     """Vehicle by the name of a shipped one, or from a file."""
     checks.path("source", source)
-    name, path = os.fspath(source), Path(source)
-    if name in shipped_vehicles():
-        return _vehicle(toml_table(vehicle_text(name), path, WHAT))
-    if not name.endswith(ENDING) and path.name == name:
-        expected = f"a vehicle file that ends in {ENDING}, or one of the vehicles "
-        remedy = did_you_mean(name, shipped_vehicles(), "`eivor vehicle new` writes a file to begin with.")
-        raise InputError(f"{expected}{', '.join(shipped_vehicles())}", f"'{name}'", remedy)
-    return _vehicle(read_toml(path, WHAT))
-
-
-def vehicle_text(source: str) -> str:
-    """Text of the file of a vehicle that `load_vehicle` has loaded."""
-    shipped = resources.files("eivor.motions.rigid_body") / "vehicles" / f"{source}{ENDING}"
-    return (shipped if source in shipped_vehicles() else Path(source)).read_text(encoding="utf-8")
+    return _vehicle(VEHICLES.table(source))
 
 
 def vehicle_template() -> str:
