@@ -100,6 +100,7 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
     "Bounds": {"low high": ANY_NUMBER},
     "FlightLimits": {"speed acceleration": NUMBER},
     "VehicleGuess": {
+        "issue_times_known": {"flag"},
         "viscous_friction": {"number"},
         "gust_rms acceleration_noise": NUMBER,
         "densities controller": {"none"},
