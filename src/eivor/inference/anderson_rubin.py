@@ -78,10 +78,7 @@ class RobustShape(RegionShape):
         M0 = c * self._between(base, base) - np.outer(b, b)
         M1 = 2.0 * c * self._between(base, step) - np.outer(b, d) - np.outer(d, b)
         M2 = c * self._between(step, step) - np.outer(d, d)
-        ends = _real_eigenvalues(M0, M1, M2)
-        return ConfidenceSet.from_membership(
-            lambda values: self.excess(base + values[:, None] * step) <= 1.0, ends
-        )
+        return self.members(base, step, _real_eigenvalues(M0, M1, M2))
 
     def _between(self, first: Point, other: Point) -> Square:
         V = np.einsum("a,b,abpq->pq", first, other, self._covariances)
@@ -293,15 +290,7 @@ class SignPerturbedShape(RegionShape):
         """Members on a line: a rival is shorter where a quadratic is positive, whose roots are the ends."""
         D = self._differences
         a, b, c = (np.einsum("a,iab,b->i", u, D, v) for u, v in ((step, step), (base, step), (base, base)))
-        ends = np.sort(_real_roots(a, 2.0 * b, c))
-        if ends.size == 0:
-            inside = bool(self.excess(base[None, :])[0] <= 1.0)
-            return ConfidenceSet.whole_line() if inside else ConfidenceSet.empty()
-        reach = max(1.0, float(np.abs(ends).max()))
-        probes = np.concatenate([[ends[0] - reach], 0.5 * (ends[:-1] + ends[1:]), [ends[-1] + reach]])
-        members = self.excess(base + probes[:, None] * step) <= 1.0
-        edges = np.concatenate([[-np.inf], ends, [np.inf]])
-        return ConfidenceSet.union((float(edges[i]), float(edges[i + 1])) for i in np.flatnonzero(members))
+        return self.members(base, step, _real_roots(a, 2.0 * b, c))
 
 
 def excluded_sums(level: float, sums: int) -> int:

@@ -349,12 +349,7 @@ def cosine_averages(
     scores: Float[np.ndarray, "samples *shape"], averages: int
 ) -> Float[np.ndarray, "averages *shape"]:
     """sqrt(count) L_j of scores that are all at hand."""
-    count = scores.shape[0]
-    spectrum = np.fft.rfft(np.concatenate([scores[::2], scores[1::2][::-1]]).reshape(count, -1).T)
-    numbers = np.arange(1, min(averages, count - 1) + 1)
-    mirrored = np.minimum(numbers, count - numbers)  # beyond the middle a spectrum is conjugate
-    turns = np.exp(0.5j * np.pi / count * np.where(mirrored < numbers, numbers, -numbers))
-    return np.sqrt(2.0) * (turns * spectrum[:, mirrored]).real.T.reshape(-1, *scores.shape[1:])
+    return np.asarray(scipy.fft.dct(scores, axis=0)[1 : averages + 1]) / np.sqrt(2.0)
 
 
 def long_run_mean_variance(series: Float[np.ndarray, " samples"]) -> float:

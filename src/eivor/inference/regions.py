@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import inf
 
@@ -46,6 +46,12 @@ class RegionShape(ABC):
     @abstractmethod
     def along(self, base: Point, step: Point) -> ConfidenceSet:
         """Numbers s for which base + s step is in the region."""
+
+    def members(self, base: Point, step: Point, ends: Iterable[float]) -> ConfidenceSet:
+        """The same by the numbers at which a line may enter or leave the region."""
+        return ConfidenceSet.from_membership(
+            lambda values: self.excess(base + values[:, None] * step) <= 1.0, ends
+        )
 
     def shadow(self, axis: int, size: int) -> ConfidenceSet:
         """Values of x_axis / x_0 (axis from 1 below the size) that some point has, by planes across it."""
