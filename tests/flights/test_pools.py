@@ -15,6 +15,7 @@ import eivor as ev
 from eivor.errors import UsageError
 from eivor.estimation.methods import identify, reference_iv
 from eivor.estimation.profile_sets import ProfileSets
+from eivor.estimation.recursive import Moment
 from eivor.flights.estimate import with_systematic_uncertainties
 from eivor.flights.motion import HorizonErrors, MultiStepPrediction, Starts, multi_step_predictions, starts_of
 from eivor.flights.pooling import agreement, bootstrap_flights
@@ -28,7 +29,7 @@ from eivor.flights.quantity import (
     SystematicUncertainty,
     widened,
 )
-from eivor.flights.track import Moment, Track, track
+from eivor.flights.track import Track, track
 from eivor.inference.diagnostics.excitation import Swing
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
 from eivor.inference.verdict import Status, Verdict

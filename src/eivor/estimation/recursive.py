@@ -344,17 +344,26 @@ LEAST_INFORMATION_SHARE = 1e-12
 PASSES = 3
 #: Rows without any error determine everything; in numbers, so much.
 MOST_INFORMATION = 1e200
+#: Largest half-width over the value with which a parameter counts as given.
+LARGEST_SHARE = 0.2
+#: Least part of the memory that holds samples that count.
+HELD = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class TrackedPoint:
-    """What is known after a look."""
+class Moment:
+    """What is known of a parameter after a look."""
 
-    sample: int  # Samples of the record so far
+    time_s: float  # On the log's clock [s]
     value: float
     half_width: float
     share: float  # Weights of the rows that counted over those of a memory without gaps
     change: int = 0
+
+    @property
+    def is_precise(self) -> bool:
+        """Whether the half-width is a fifth of the value at most, of a fourth of the memory or more."""
+        return self.share >= HELD and self.half_width <= LARGEST_SHARE * abs(self.value)
 
 
 #: Estimate of weighted products and of what was known, its map from mean scores, and the latter's covariance.
@@ -368,10 +377,11 @@ class Follower:
     index: int
     priors: tuple[Prior | None, ...]
     start: Float[np.ndarray, " n"]  # Values near which they are
+    time_s: Float[np.ndarray, " samples"]  # On the log's clock [s]
 
     def points(
         self, rows: streaming.TimedRows, forgetting: streaming.Forgetting, detector: ChangeDetector
-    ) -> Iterator[TrackedPoint]:
+    ) -> Iterator[Moment]:
         then, watching = streaming.nothing_yet(rows, forgetting), Watch()
         for stretch in rows.stretches(0, forgetting.block_length):
             then = then.then(stretch)
@@ -389,7 +399,7 @@ class Follower:
                     newest = References(theta[None, :], mapped[None, [j]] / share, slice(j, j + 1))
                     watching = watching.expecting(newest, detector)
             counted = then.total.products.count / forgetting.memory
-            yield TrackedPoint(then.samples, value, half, counted, change)
+            yield Moment(float(self.time_s[then.samples - 1]), value, half, counted, change)
 
     def posterior(self, weighted: streaming.ExponentiallyWeightedProducts) -> Posterior | None:
         if not weighted.effective_rows > self.start.size:

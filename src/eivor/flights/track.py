@@ -9,7 +9,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.recursive import NORMAL_MEDIAN, ChangeDetector, Follower
+from eivor.estimation.recursive import HELD, NORMAL_MEDIAN, ChangeDetector, Follower, Moment
 from eivor.estimation.streaming import MEMORIES, Forgetting, TimedRows, counted_rows
 from eivor.flights.result import FlightEstimate
 from eivor.inference.distributions import normal_quantile
@@ -20,32 +20,12 @@ from eivor.tools import Float
 
 #: Memory [s] when none is chosen.
 MEMORY_S = 5.0
-#: Largest half-width over the value with which a parameter counts as given.
-LARGEST_SHARE = 0.2
-#: Least part of the memory that holds samples that count.
-HELD = 0.25
 #: Sums are held against the newest estimate: a battery that sags is followed, and is no change.
 DETECTOR = ChangeDetector(held_looks=1)
 #: Looks between intercepts that are compared: two memories.
 LOOKS_APART = 16
 #: Memories between residuals that are compared.
 LAGS = (1, 2, 4)
-
-
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """What is said of the parameter at one time."""
-
-    time_s: float  # On the log's clock [s]
-    value: float
-    half_width: float
-    share: float  # Part of the memory that holds samples that count
-    change: int = 0
-
-    @property
-    def is_precise(self) -> bool:
-        """Whether the half-width is a fifth of the value at most, of a fourth of the memory or more."""
-        return self.share >= HELD and self.half_width <= LARGEST_SHARE * abs(self.value)
 
 
 @dataclass(frozen=True)
@@ -114,14 +94,11 @@ def track(result: FlightEstimate, memory_s: float | None = None, parameter: str 
     start = np.array([*(estimate.parameters[each] for each in parameters), level])
     priors = (*(tracked_parameter.known.get(each) for each in parameters), tracked_parameter.intercept)
     rows, forgetting = rows_of(columns, estimate.nuisances), Forgetting(memory)
-    follower = with_slow_air(Follower(list(parameters).index(name), priors, start), rows, forgetting)
-    points = follower.points(rows, forgetting, DETECTOR)
     time_s = result.prepared[0].grid.time_s
-    moments = tuple(
-        Moment(float(time_s[point.sample - 1]), point.value, point.half_width, point.share, point.change)
-        for point in points
-        if math.isfinite(point.value)
-    )
+    follower = Follower(list(parameters).index(name), priors, start, time_s)
+    follower = with_slow_air(follower, rows, forgetting)
+    points = follower.points(rows, forgetting, DETECTOR)
+    moments = tuple(point for point in points if math.isfinite(point.value))
     unit, known = parameters[name].unit, tracked_parameter.descriptions
     return Track(result, name, unit, memory_s, estimate.nuisances, moments, known)
 

@@ -15,8 +15,9 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
+from eivor.estimation.recursive import HELD, LARGEST_SHARE, Moment
 from eivor.flights.result import FlightEstimate
-from eivor.flights.track import HELD, LARGEST_SHARE, Moment, Track, relative_change
+from eivor.flights.track import Track, relative_change
 from eivor.planning.plan import SECONDS, FlightPlan, MachinePlan, make_plan, plan_machine
 from eivor.planning.vehicle import FlightLimits, VehicleGuess, vehicle_of_result
 from eivor.report import document as doc
