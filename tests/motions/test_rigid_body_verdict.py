@@ -15,6 +15,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Counts, QuantityEstimate, SimpleModel
+from eivor.flights.timestamps import Clock
 from eivor.flights.verdict import Instruments, VerdictInputs, systematic_uncertainties
 from eivor.inference.verdict import Status
 from eivor.lab.disturbances import OrnsteinUhlenbeck
@@ -40,6 +41,7 @@ RESULTS = {
     "pitch_damping": QuantityEstimate(1.0, "1/s", 0.1, (0.8, 1.2)),
     "drag_z": QuantityEstimate(0.3, "1/s", 0.01, (0.28, 0.32)),
     "effective_lag": QuantityEstimate(0.05, "s", 1e-4, (0.0498, 0.0502)),
+    "rotor_reaction": QuantityEstimate(0.002, "", 1e-5, (0.00198, 0.00202)),
 }
 
 
@@ -56,12 +58,12 @@ def logged_at(command_hz):
     return prepared(body_flown(duration=4.0, seed=4, logged=Logged(rotor_command_hz=command_hz)).recording)
 
 
-def open_parts(flight, cutoff_hz=None):
+def open_parts(flight, cutoff_hz=None, results=RESULTS):
     """Systematic parts of a flight with the filter of a gyroscope."""
     early_s = verdict.filter_early_s(cutoff_hz, flight.rates_hz["roll"])
     checks = verdict.RigidBodyChecks(filter_early_s=early_s)
     chosen = Instruments(LaggedReferences(("reference_roll",)))
-    of_flight = VerdictInputs((flight,), 100.0, 100.0, chosen, checks=checks, quantities=RESULTS)
+    of_flight = VerdictInputs((flight,), 100.0, 100.0, chosen, checks=checks, quantities=results)
     return systematic_uncertainties(verdict.PARTS, of_flight)
 
 
@@ -70,10 +72,12 @@ def test_even_stamps_may_be_in_step_with_a_slower_loop():
     flight = logged_at(125.0)
     allowances = open_parts(flight)
     assert flight.locked_s == pytest.approx(0.5 * (0.008 - 0.001))  # of issued ones at most 2 ms apart
-    (gain,) = allowances["roll_gain"]
     share = 0.45 * 2.5e-3 / 0.055  # of the attitude's loop, behind rotors and 5 ms of sensors
-    assert (gain.counts, gain.below, gain.above) == (Counts.INDEPENDENT, *[pytest.approx(200.0 * share)] * 2)
-    assert "2 % larger or smaller" in gain.sentence
+    for name, value in (("roll_gain", 200.0), ("rotor_reaction", 0.002)):
+        unseen, gain = allowances[name]
+        assert unseen.above == pytest.approx(0.45 * flight.command_slack_s / 0.055 * value)
+        assert (gain.counts, gain.below) == (Counts.INDEPENDENT, pytest.approx(value * share))
+        assert "2 % larger or smaller" in gain.sentence
     (damping,) = allowances["pitch_damping"]
     assert (damping.counts, damping.above) == (Counts.INDEPENDENT, pytest.approx(6.5 * share))
     by_stamps, by_loops = allowances["effective_lag"]
@@ -81,6 +85,15 @@ def test_even_stamps_may_be_in_step_with_a_slower_loop():
     assert (by_loops.counts, by_loops.above) == (Counts.INDEPENDENT, pytest.approx(3.5e-3))
     assert "drag_z" not in allowances
     assert logged_at(62.5).locked_s == pytest.approx(0.5 * (0.010 - 0.001))  # no slower loop
+    seldom = Clock(0.020, 0.010, is_known=False, is_even=True)  # issued every 10 ms, or every 1 ms
+    assert seldom.locked_s == pytest.approx(0.5 * (0.010 - 0.001))
+    delayed = {**RESULTS, "delay": QuantityEstimate(flight.command_slack_s, "s", 1e-4, (0.0, 0.001))}
+    assert len(open_parts(flight, results=delayed)["roll_gain"]) == 1  # the delay takes it up
+
+
+def test_a_part_that_changes_no_interval_is_not_reported():
+    flight = replace(logged_at(0.0), locked_s=1e-9)
+    assert not open_parts(flight)
 
 
 def test_a_log_of_every_command_leaves_nothing_open():

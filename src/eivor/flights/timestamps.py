@@ -181,8 +181,8 @@ class Clock:
     @property
     def locked_s(self) -> float:
         """How far a stamp may lie from the middle of what such a loop holds [s]."""
-        held_s = min(self.logged_s, SLOWEST_LOOP_S)
-        return 0.5 * max(held_s - self.issued_s, 0.0) if self.is_even else 0.0
+        shortest_s = self.issued_s if self.is_known else SHORTEST_STEP_S
+        return 0.5 * max(min(self.logged_s, SLOWEST_LOOP_S) - shortest_s, 0.0) if self.is_even else 0.0
 
     @property
     def thinned(self) -> bool:

@@ -152,6 +152,8 @@ class VerdictInputs:
 
 # -- Systematic parts --
 
+#: A part smaller than this share of half an interval changes nothing.
+NEGLIGIBLE = 1e-3
 #: References that disagree by a smaller p-value lengthen intervals.
 DOUBTFUL = 0.05
 
@@ -206,13 +208,11 @@ def clock_part(quantities: tuple[str, ...], counts: Counts = Counts.ADDED) -> Sy
         quantities,
         counts,
         lambda inputs, _: inputs.command_slack_s,
-        lambda inputs: (
-            "The log does not show how often its command was issued: the lag may be "
-            f"{1e3 * inputs.command_slack_s:.2g} ms longer or shorter than the data say."
-        ),
+        lambda inputs: f"{UNSEEN}the lag may be {1e3 * inputs.command_slack_s:.2g} ms longer or shorter.",
     )
 
 
+UNSEEN = "The log does not show how often its command was issued: "
 #: Gain of a loop of rates over its lag, that of rotors and of sensors [s]; half of an attitude's hold [s].
 RATE_LOOP, SENSING_S, ATTITUDE_HOLD_S = 0.45, 0.005, 0.0025
 #: What it does to damping over what it does to gains: the loop's gain [1/s], in PX4 6.5, of a Crazyflie 6.
@@ -220,33 +220,47 @@ ATTITUDE_GAIN = 6.5
 LOCKED = "The log's stamps are even, and a slower loop of the controller may run in step with them: "
 
 
-def locked_parts(
-    lags: tuple[str, ...], gains: tuple[str, ...], lag: str, dampings: tuple[str, ...] = ()
+def clock_parts(
+    lags: tuple[str, ...],
+    gains: tuple[str, ...],
+    dampings: tuple[str, ...] = (),
+    counts: Counts = Counts.ADDED,
 ) -> tuple[SystematicPart, ...]:
-    """Rows of commands that are always logged at one point of what a slower loop holds."""
+    """Rows of when commands were issued, and of a slower loop that runs in step with their stamps."""
 
-    def share(inputs: VerdictInputs) -> float:
-        locked_s = min(inputs.locked_s, ATTITUDE_HOLD_S)
-        return RATE_LOOP * locked_s / (max(inputs.value(lag), 0.0) + SENSING_S)
+    def share(inputs: VerdictInputs, by_s: float) -> float:
+        return RATE_LOOP * by_s / (max(inputs.value(EFFECTIVE_LAG), 0.0) + SENSING_S)
+
+    def locked(inputs: VerdictInputs) -> float:
+        return share(inputs, min(inputs.locked_s, ATTITUDE_HOLD_S))
+
+    def unseen(inputs: VerdictInputs) -> float:
+        delay = inputs.quantities.get(DELAY.name)  # which takes up what it can: it is never below zero
+        return share(inputs, max(inputs.command_slack_s - (max(delay.value, 0.0) if delay else 0.0), 0.0))
+
+    def of_gains(size: Callable[[VerdictInputs], float], why: str) -> SystematicPart:
+        return SystematicPart(
+            gains,
+            Counts.INDEPENDENT,
+            lambda inputs, name: size(inputs) * abs(inputs.value(name)),
+            lambda inputs: f"{why}it may be {100.0 * size(inputs):.2g} % larger or smaller.",
+        )
 
     return (
+        clock_part(lags, counts),
         SystematicPart(
             lags,
             Counts.INDEPENDENT,
             lambda inputs, _: inputs.locked_s,
             lambda inputs: f"{LOCKED}the lag may be {1e3 * inputs.locked_s:.2g} ms longer or shorter.",
         ),
-        SystematicPart(
-            gains,
-            Counts.INDEPENDENT,
-            lambda inputs, name: share(inputs) * abs(inputs.value(name)),
-            lambda inputs: f"{LOCKED}it may be {100.0 * share(inputs):.2g} % larger or smaller.",
-        ),
+        of_gains(unseen, UNSEEN),
+        of_gains(locked, LOCKED),
         SystematicPart(
             dampings,
             Counts.INDEPENDENT,
-            lambda inputs, _: ATTITUDE_GAIN * share(inputs),
-            lambda inputs: f"{LOCKED}it may be {ATTITUDE_GAIN * share(inputs):.2g} 1/s larger or smaller.",
+            lambda inputs, _: ATTITUDE_GAIN * locked(inputs),
+            lambda inputs: f"{LOCKED}it may be {ATTITUDE_GAIN * locked(inputs):.2g} 1/s larger or smaller.",
         ),
     )
 
@@ -254,7 +268,7 @@ def locked_parts(
 def systematic_uncertainties(
     parts: Iterable[SystematicPart], inputs: VerdictInputs
 ) -> dict[str, tuple[SystematicUncertainty, ...]]:
-    """Parts by quantity, those that are zero left out."""
+    """Parts by quantity, those that are zero or next to it left out."""
     results: dict[str, tuple[SystematicUncertainty, ...]] = {}
     for part in parts:
         for name in part.quantities:
@@ -263,7 +277,8 @@ def systematic_uncertainties(
             size = part.size(inputs, name)
             # of what is not known there is no part
             below, above = size if isinstance(size, tuple) else 2 * (size if math.isfinite(size) else 0.0,)
-            if below > 0.0 or above > 0.0:
+            half = inputs.quantities[name].half_width
+            if max(below, above) > (NEGLIGIBLE * half if math.isfinite(half) else 0.0):
                 item = SystematicUncertainty(part.counts, below, above, _said(part.sentence, inputs))
                 results[name] = (*results.get(name, ()), item)
     return results
@@ -375,6 +390,7 @@ class Limit:
 
 #: References that disagree by a smaller p-value contradict the model: no interval is long enough for that.
 CONTRADICTION = 1e-6
+GIVE_RATE = "Give --controller-rate where it is known. "
 GIVE_LAG = "Or give the lag, where it is known: --lag MS:STD or --lag LOW..HIGH."
 
 
@@ -510,9 +526,10 @@ def flight_rules(
             Status.WEAK,
             lambda inputs: (
                 f"The references disagree about the parameters (J p-value {inputs.p_value:.1g}): "
+                f"{'the log may lack commands, or ' if inputs.command_slack_s else ''}"
                 f"something {words.moves} the vehicle that the model does not have."
             ),
-            words.undisturbed,
+            lambda inputs: f"{GIVE_RATE if inputs.command_slack_s else ''}{words.undisturbed}",
         ),
         against(
             lambda inputs: inputs.lag_prior is not None and inputs.lag_prior.contradicted,

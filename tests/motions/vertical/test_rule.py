@@ -182,6 +182,12 @@ def test_bounds_themselves_are_accepted_and_what_widens_is_no_veto(name, found, 
     assert judged(name, found, **changed).status is Status.IDENTIFIED
 
 
+def test_the_controllers_rate_is_asked_for_where_references_disagree():
+    lacking = judged(FRICTION, **strength(p_value=9e-7), **logged_at(50.0)).reasons[0]
+    assert "the log may lack commands, or something" in lacking.sentence
+    assert lacking.remedy.startswith("Give --controller-rate")
+
+
 def test_the_lag_is_asked_for_where_it_would_help():
     weak, given = (50.0, 50.0, 3.0), LagPrior(ev.Prior(0.05, 0.01), quantity(0.05, 0.1))
     cases = strength(weak), {**strength(weak), "lag_prior": given}, strength(weak[1:], names=NAMES[:2])

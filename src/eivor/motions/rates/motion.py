@@ -262,8 +262,7 @@ def _second_stage_sentence(inputs: verdict.VerdictInputs) -> str:
 
 PARTS = (
     verdict.disagreement_part((*LAGS, *TERMS)),
-    verdict.clock_part(LAGS),
-    *verdict.locked_parts(LAGS, EFFECTS, EFFECTIVE_LAG),
+    *verdict.clock_parts((*LAGS, DELAY.name), (*EFFECTS, "yaw_reaction")),
     verdict.SystematicPart(
         (*LAGS, DELAY.name, *TERMS),
         quantity.Counts.ADDED,

@@ -583,9 +583,11 @@ ACROSS = tuple(item.name for item in (*DRAG[:2], *QUADRATIC_DRAG[:2]))
 
 PARTS = (
     verdict.disagreement_part((*LAGS, *(item.name for item in (THRUST, *GAIN)))),
-    verdict.clock_part(LAGS, Counts.INDEPENDENT),
-    *verdict.locked_parts(
-        LAGS, tuple(item.name for item in GAIN), EFFECTIVE_LAG, tuple(item.name for item in DAMPING)
+    *verdict.clock_parts(
+        LAGS,
+        (*(item.name for item in GAIN), *_SPINS),
+        tuple(item.name for item in DAMPING),
+        Counts.INDEPENDENT,
     ),
     verdict.SystematicPart(
         (*LAGS, *(item.name for item in GAIN)),
