@@ -13,6 +13,7 @@ from flight_logs import FRICTION, GAIN, LAG_S, changed, channel, every, flown, p
 from flight_logs import STEP_S as TELEMETRY_STEP_S
 
 import eivor as ev
+from eivor.errors import UsageError
 from eivor.flights.estimate import (
     SENSORS_APART_S,
     FlightState,
@@ -260,6 +261,16 @@ def test_a_logger_that_looks_at_its_own_times_is_told_by_values_that_repeat():
     # stamps that err say nothing of the kind, nor does a loop that logs all it has at once
     assert not command_clock(looked_at(0.01, instants), [height(others, irregular(0.01, 0.0)[0])]).thinned
     assert not command_clock(looked_at(0.004, instants), [height(instants, instants)]).thinned
+    # but rows whose own stamps err are even
+    rows = command_clock(looked_at(0.004, instants), [height(instants, irregular(0.01, 0.0)[0])])
+    assert (rows.is_even, rows.slack_s) == (True, pytest.approx(0.0025, rel=0.02))
+
+
+def test_a_rate_below_that_at_which_the_command_changes_is_refused():
+    log = thinned(flown(seconds=20.0, seed=4)[0], 3)
+    with pytest.raises(UsageError, match=r"33\\.3 Hz or more, at which rotor_command_1 changes"):
+        prepare_vertical(log, FlightOptions(controller_rate_hz=20.0))
+    assert prepare_vertical(log, FlightOptions(controller_rate_hz=30.0)).locked_s == 0.0
 
 
 def test_rounded_values_repeat_by_themselves():

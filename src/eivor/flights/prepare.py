@@ -15,7 +15,7 @@ from eivor.flights.motion import Motion
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, mask_of, matched_interpolation_filter
 from eivor.flights.references import jumps, named_reference, noise_findings, noise_levels, references
-from eivor.flights.timestamps import Clock, as_issued, command_clock, known_clock
+from eivor.flights.timestamps import Clock, as_issued, check_rate, command_clock, known_clock
 from eivor.signals.channels import common_side, family_members
 from eivor.signals.filters import fast_length
 from eivor.signals.noise import WhiteNoise
@@ -150,6 +150,8 @@ def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[
     others = [name for name in log.channels if name not in names]
 
     def clock(command: Channel) -> Clock:
+        if rate_hz:
+            check_rate(command, rate_hz)
         if known_hz:
             return known_clock(command, known_hz)
         # made one at a time: those of a long log do not fit into memory together

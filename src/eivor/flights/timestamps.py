@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eivor.errors import UsageError
 from eivor.signals.filters import REACH, on_lines
 from eivor.signals.recording import Channel, Finding, Recording
 from eivor.tools import Float, Int
@@ -164,6 +165,8 @@ BAND_SHARE = 1.0 / 40.0
 REPEATED_SHARE, MOST_TIMES, USUAL_CHANGES = 0.05, 4, 20.0
 #: Parts of a distance of stamps in which what was issued is not known to be held.
 FINE_PARTS = 8
+#: A controller runs at up to so many times the rate that it is set to.
+NOMINAL = 1.2
 #: Another channel is logged more often when its step is shorter than this share of the command's.
 MORE_OFTEN = 0.7
 
@@ -217,6 +220,19 @@ class Clock:
         return f"{text} Give --controller-rate where it is known."
 
 
+def check_rate(command: Channel, rate_hz: float) -> None:
+    """Refuse a controller's rate [Hz] below that at which its command changes."""
+    known = np.isfinite(command.values)
+    steps = np.diff(command.time_s[known][1:][np.diff(command.values[known]) != 0.0])
+    steps = steps[steps <= UNEVEN_PAUSE * np.median(steps)] if steps.size else steps
+    if steps.size >= FEWEST_SAMPLES and rate_hz * NOMINAL * steps.mean() < 1.0:
+        expected = (
+            f"a controller's rate of {1.0 / steps.mean():.3g} Hz or more, at which {command.name} changes"
+        )
+        remedy = "Give the rate at which commands are issued; leave it out where it is not known."
+        raise UsageError(expected, f"{rate_hz:g} Hz", remedy)
+
+
 def known_clock(command: Channel, rate_hz: float) -> Clock:
     """Clock of a held command whose controller's rate [Hz] is known."""
     logged = float(np.median(np.diff(command.time_s)))
@@ -242,9 +258,10 @@ def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: 
         sampled_with_it |= not other.held and np.array_equal(time_s, command.time_s)
         if time_s.size > 1:
             quickest = min(quickest, float(np.median(np.diff(time_s), overwrite_input=True)))
-    as_logged = Clock(logged, logged)
+    as_logged, looked_at = Clock(logged, logged), truth_of(jitters)
+    jitter &= looked_at is not False or not sampled_with_it  # stamps of even rows that err
     unknown = Clock(logged, 0.5 * min(logged, issued_within_s), is_known=False, is_even=not jitter)
-    looked_at, turns, quick = truth_of(jitters), steps / logged, logged <= QUICK_STEP_S
+    turns, quick = steps / logged, logged <= QUICK_STEP_S
     # distances are multiples of the usual one, but for a logger's slips
     even = float(np.mean(np.abs(turns - np.rint(turns)) > SAME)) <= ODD_SHARE
     if looked_at and quick and even:
