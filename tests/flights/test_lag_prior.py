@@ -6,10 +6,13 @@ import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from flight_logs import FRICTION, LAG_S, changed, flown
 
 import eivor as ev
+from eivor.flights.lag_prior import lag_quantities, within_sum
+from eivor.motions.rates.motion import Rates
 from logs.dataflash_writer import commands
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
@@ -62,6 +65,20 @@ def test_neither_lag_nor_delay_is_searched():
     assert none.quantities["effective_lag"].interval == (0.0, 0.0)
     assert "given neither lag nor delay" in none.fit.lag_prior.sentence
     assert none.fit.lag_prior.contradicted
+
+
+@pytest.mark.thorough
+def test_no_lag_is_below_zero_and_its_parts_end_where_it_does():
+    """A delay alone made a lag from -1 to 16 ms of parts that end at 5 and at 4.6 ms."""
+    fit = ev.identify_flight(flown(seconds=15.0)[0], order=1)
+    lags = lag_quantities(fit.fit.problem, fit.estimate)
+    assert (lags["actuator_lag"].value, lags["effective_lag"].lowest) == (0.0, 0.0)
+    longer = lags | {"actuator_lag": replace(lags["actuator_lag"], interval=(0.0, 9.0))}
+    high = lags["effective_lag"].interval[1]
+    assert within_sum(longer)["actuator_lag"].interval == (0.0, high)
+    late = {name: replace(item, lowest=-np.inf) for name, item in longer.items()}
+    assert within_sum(late) == late  # telemetry may come before its command
+    assert {"delay", "effective_lag"} <= {*Rates.parts[0].quantities}
 
 
 def test_a_delay_that_the_references_do_not_move_leaves_its_degree_to_them():

@@ -268,7 +268,7 @@ def test_a_logger_that_looks_at_its_own_times_is_told_by_values_that_repeat():
 
 def test_a_rate_below_that_at_which_the_command_changes_is_refused():
     log = thinned(flown(seconds=20.0, seed=4)[0], 3)
-    with pytest.raises(UsageError, match=r"33\\.3 Hz or more, at which rotor_command_1 changes"):
+    with pytest.raises(UsageError, match=r"33\.3 Hz or more, at which rotor_command_1 changes"):
         prepare_vertical(log, FlightOptions(controller_rate_hz=20.0))
     assert prepare_vertical(log, FlightOptions(controller_rate_hz=30.0)).locked_s == 0.0
 

@@ -303,7 +303,8 @@ def test_a_motor_s_controller_is_a_second_stage_and_no_delay():
         "effective_lag": vehicle.effective_lag_s + 0.02,
     }.items():
         assert fit.quantities[name].interval[0] <= true <= fit.quantities[name].interval[1], name
-    assert ev.identify_flight(log, model="rates", order=2).quantities["delay"].interval[0] > 0.012
+    single = ev.identify_flight(log, model="rates", order=2, controller_rate_hz=400.0)
+    assert single.quantities["delay"].interval[0] > 0.012
 
 
 @pytest.mark.thorough

@@ -35,6 +35,7 @@ from eivor.flights.lag_prior import (
     reciprocal,
     telemetry_lag,
     with_lag_prior,
+    within_sum,
 )
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
@@ -427,6 +428,7 @@ def with_fit(state: FlightState, fit: Fit, inputs: VerdictInputs) -> FlightEstim
         lag = estimates[EFFECTIVE_LAG]
         within = fit.lag_prior.within(lag.interval, lag.value)
         estimates |= {EFFECTIVE_LAG: replace(lag, interval=within)}
+    estimates = within_sum(estimates)
     by_rules = reasons_by_quantity(motion.rules, replace(inputs, quantities=estimates), wording)
     # reasons of the estimate are each quantity's
     reasons = {name: [*by_rule, *best.reasons] for name, by_rule in by_rules.items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import hypot, sqrt
 
@@ -93,12 +94,24 @@ def _lag_along(estimate: Estimate, value: float, direction: Float[np.ndarray, " 
     return QuantityEstimate(value, "s", covariance.std_error(direction), interval, lowest=0.0)
 
 
+def within_sum(estimates: Mapping[str, QuantityEstimate]) -> dict[str, QuantityEstimate]:
+    """Quantities whose lag and delay, where neither is below zero, end where their sum does."""
+    names = [name for name in LAG_SUMS[EFFECTIVE_LAG] if name in estimates]
+    results = dict(estimates)
+    if EFFECTIVE_LAG in estimates and all(estimates[name].lowest == 0.0 for name in names):
+        for name in names:
+            low, high = estimates[name].interval
+            highest = max(estimates[EFFECTIVE_LAG].interval[1], estimates[name].value)
+            results[name] = replace(estimates[name], interval=(low, min(high, highest)))
+    return results
+
+
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, QuantityEstimate]:
     """Lag, delay and their sum, zero for what was not searched for; two lags in series, or up and down."""
     joint = joint_quantities(estimate)
     fixed = {item.name: item.first for item in problem.nuisances if item.name not in joint}
     joint |= {name: QuantityEstimate(value, "s", 0.0, (value, value)) for name, value in fixed.items()}
-    lag, delay = joint[ACTUATOR_LAG.name], joint[DELAY.name]
+    lag, delay = replace(joint[ACTUATOR_LAG.name], lowest=0.0), joint[DELAY.name]
     if all(item.first >= 0.0 for item in problem.nuisances if item.name == DELAY.name):  # of commands
         delay = replace(delay, lowest=0.0)
     value, searched = lag.value + delay.value, [name for name in LAG_SUMS[EFFECTIVE_LAG] if name not in fixed]
@@ -107,7 +120,7 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
     else:
         alone = joint[searched[0]] if searched else lag
         low, high = (end + (value - alone.value) for end in alone.interval)
-        effective = replace(alone, value=value, interval=(low, high))
+        effective = replace(alone, value=value, interval=(low, high), lowest=delay.lowest)
     quantities = {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
     if SECOND_STAGE.name in joint and lag.value > 0.0:
         low, high = joint[SECOND_STAGE.name].interval

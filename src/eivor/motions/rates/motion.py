@@ -261,7 +261,7 @@ def _second_stage_sentence(inputs: verdict.VerdictInputs) -> str:
 
 
 PARTS = (
-    verdict.disagreement_part((*LAGS, *TERMS)),
+    verdict.disagreement_part((*LAGS, DELAY.name, *TERMS)),
     *verdict.clock_parts((*LAGS, DELAY.name), (*EFFECTS, "yaw_reaction")),
     verdict.SystematicPart(
         (*LAGS, DELAY.name, *TERMS),
