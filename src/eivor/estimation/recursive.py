@@ -340,6 +340,8 @@ def check_recursive(method: LinearMethod) -> None:
 CONSTANT = 1e-9
 #: Share of the largest information below which there is none.
 LEAST_INFORMATION_SHARE = 1e-12
+#: Share of the parameter that may lie in directions without information.
+RESOLVED = 1e-6
 #: Times that the information of a row is renewed at the estimate.
 PASSES = 3
 #: Rows without any error determine everything; in numbers, so much.
@@ -431,4 +433,7 @@ class Follower:
             sizes = np.outer(*2 * [unit_scale(np.diag(normal))])
             inverse = sizes * np.linalg.pinv(normal * sizes, rcond=LEAST_INFORMATION_SHARE, hermitian=True)
             theta = inverse @ (row * seen + precision @ mean)
+        # a direction that nothing gives may hold some of it: the least of all solutions is no estimate
+        if inverse[self.index] @ normal[:, self.index] < 1.0 - RESOLVED:
+            return None
         return theta, row * inverse @ A.T @ basis.T, inverse @ precision @ inverse

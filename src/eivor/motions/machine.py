@@ -349,7 +349,9 @@ class Machine(DeclaredMotion):
                 value = f"{item.value:.3g} ± {item.half_width:.2g} {term.unit}".strip()
                 words = capitalised(f"{self.quantities[term.name].words} {value}")
                 sentences.append(f"{words}, as the whole record identifies it.")
-        level = next((known.get(term.name) for term in order if term.is_intercept), None)
+        levels = {t.name: float(t.expression.evaluate({})) for t in order if t.is_intercept and t.name in known}
+        # what stands alone in the equation is the parameter times its number
+        level = next((Prior(x * known[n].mean, abs(x) * known[n].std) for n, x in levels.items()), None)
         # of several equations the one that it stands in
         columns = next(item for item in problem.columns if item.axis == number)
         parameters, still = {term.parameter for term in order}, problem.still
