@@ -433,7 +433,8 @@ class Follower:
             sizes = np.outer(*2 * [unit_scale(np.diag(normal))])
             inverse = sizes * np.linalg.pinv(normal * sizes, rcond=LEAST_INFORMATION_SHARE, hermitian=True)
             theta = inverse @ (row * seen + precision @ mean)
+        known = inverse @ precision @ inverse
         # a direction that nothing gives may hold some of it: the least of all solutions is no estimate
         if inverse[self.index] @ normal[:, self.index] < 1.0 - RESOLVED:
-            return None
-        return theta, row * inverse @ A.T @ basis.T, inverse @ precision @ inverse
+            known = np.full_like(known, math.inf)
+        return theta, row * inverse @ A.T @ basis.T, known

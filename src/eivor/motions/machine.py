@@ -349,17 +349,17 @@ class Machine(DeclaredMotion):
                 value = f"{item.value:.3g} ± {item.half_width:.2g} {term.unit}".strip()
                 words = capitalised(f"{self.quantities[term.name].words} {value}")
                 sentences.append(f"{words}, as the whole record identifies it.")
-        levels = {t.name: float(t.expression.evaluate({})) for t in order if t.is_intercept and t.name in known}
         # what stands alone in the equation is the parameter times its number
-        level = next((Prior(x * known[n].mean, abs(x) * known[n].std) for n, x in levels.items()), None)
+        alone = [(known.get(t.name), float(t.expression.evaluate({}))) for t in order if t.is_intercept]
+        level = next((Prior(x * item.mean, abs(x) * item.std) for item, x in alone if item), None)
         # of several equations the one that it stands in
         columns = next(item for item in problem.columns if item.axis == number)
         parameters, still = {term.parameter for term in order}, problem.still
         fixed = [k for k in range(still) if problem.parameters[k] in parameters]
         kept = [problem.parameters[k] for k in fixed]
         kept += [item for item in problem.parameters[still:] if item in parameters]
-        alone = replace(columns, fixed=columns.fixed[:, fixed], moved=None)
-        runs = replace(problem, columns=(alone,), parameters=tuple(kept))
+        columns = replace(columns, fixed=columns.fixed[:, fixed], moved=None)
+        runs = replace(problem, columns=(columns,), parameters=tuple(kept))
         return TrackedParameter(name, runs, known, level, tuple(sentences))
 
     def solved(self, values: Mapping[str, float]) -> list[SolvedEquation]:
