@@ -260,7 +260,7 @@ def test_parameters_of_several_equations_are_followed():
 def test_an_equation_may_hold_what_another_one_drives_alone():
     step_s, count = 0.02, 3000
     pull = held(np.random.default_rng(4), count, step_s, 1.0, (0.5, 2.0))
-    channels = {"v": "m/s", "angle": "rad", "u": ev.input("1"), "asked": ev.reference("1")}
+    channels = {"v": "m/s", "w": "m/s", "angle": "rad", "u": ev.input("1"), "asked": ev.reference("1")}
     terms = {"gravity": "-sin(angle)", "coupling": "-cos(angle) * ddt(v)", "damping": "-ddt(angle)"}
     machine = ev.machine(
         "hanging",
@@ -268,12 +268,13 @@ def test_an_equation_may_hold_what_another_one_drives_alone():
         axes={
             "load": {"response": "ddt(ddt(angle))", "terms": terms},
             "cart": {"response": "ddt(v)", "terms": {"drag": "-v", "gain": ev.behind("u", "drive")}},
+            "trailer": {"response": "ddt(w)", "terms": {"pull": "v - w"}},
         },
         actuators={"drive": ev.actuator(lag_s=(0.02, 0.5), delay_s=(0.0, 0.1))},
     )
-    truth = {"drag": 0.8, "gain": 2.0, "gravity": 4.0, "coupling": 0.5, "damping": 0.6}
+    truth = {"drag": 0.8, "gain": 2.0, "gravity": 4.0, "coupling": 0.5, "damping": 0.6, "pull": 3.0}
     truth |= {"actuator_lag": 0.2, "delay": 0.04}
-    noise = {"v": 0.005, "angle": 1e-4}
+    noise = {"v": 0.005, "w": 0.005, "angle": 1e-4}
     columns = machine.simulate(
         truth, {"u": pull, "asked": pull}, seconds=60.0, step_s=step_s, noise=noise, disturbance=(0.02, 0.5)
     )
@@ -282,10 +283,11 @@ def test_an_equation_may_hold_what_another_one_drives_alone():
         low, high = fit.quantities[name].interval
         assert low - 0.5 * (high - low) < truth[name] < high + 0.5 * (high - low)
         assert fit.quantities[name].verdict is Status.IDENTIFIED
+    assert {item["quantity"] for item in json.loads(fit.to_json())["ahead"]["errors"]} == {"v", "w"}
     space = json.loads(fit.export("statespace"))
-    assert space["states"] == ["v", "angle'", "angle", "u_behind"]
+    assert space["states"] == ["v", "w", "angle'", "angle", "u_behind"]
     expected = fit.quantities["coupling"].value * fit.quantities["drag"].value
-    assert space["A"][1][0] == pytest.approx(expected, rel=1e-4)
+    assert space["A"][2][0] == pytest.approx(expected, rel=1e-4)
 
 
 def rover_case(rng, count, step_s):

@@ -315,11 +315,11 @@ def equation_prediction(
     for axis in axes:
         if axis.state is None:
             continue
-        name = next(term.name for term in axis.terms if term.behind)
-        words, why = name.replace("_", " "), ""
+        term = max(axis.terms, key=lambda term: (term.behind, not term.is_intercept))
+        name, words, why = term.name, term.name.replace("_", " "), ""
         if axis not in logged:
             why = "its input or state is not logged"
-        elif EFFECTIVE_LAG in refused_names:
+        elif term.behind and EFFECTIVE_LAG in refused_names:
             why = "the lag is refused"
         elif name in refused_names or name not in fit:
             why = f"the {words} is refused" if name in refused_names else f"the fit has no {words}"
