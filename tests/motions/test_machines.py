@@ -470,21 +470,21 @@ def test_a_declaration_of_the_vertical_motion_is_the_built_in(monkeypatch, lag_s
 def test_a_file_and_python_declare_the_same(tmp_path):
     (tmp_path / "m.toml").write_text(ROLL)
     of_file = ev.load_machine(tmp_path / "m.toml")
-    assert ev.motion_by_name(str(tmp_path / "m.toml")) == of_file
+    assert ev.motion_by_name(tmp_path / "m.toml") == of_file
     channels = {"p": {"unit": "rad/s", "noise": 0.003}, "aileron": ev.input("1")}
     channels |= {"phi_reference": ev.reference("rad")}
     in_python = ev.machine(
         "roll",
         response="ddt(p)",
         channels=channels,
-        let={"drag": {"is": "2 * p", "unit": "rad/s"}},
+        let={"drag": {"is": "2 * p", "unit": "rad/s"}, "most": {"is": "3", "unit": "rad/s"}},
         terms={"L_p": "drag", "L_da": ev.behind("aileron", "servo", unit="rad/s^2")},
         actuators={"servo": ev.actuator(lag_s=(0.002, 0.3))},
         derived={"time_constant": "-1 / L_p"},
-        active="abs(p) < 3",
+        active="abs(p) < most",
         headline=["L_p"],
     )
-    assert in_python.axes == of_file.axes
+    assert (in_python.axes, in_python.activity) == (of_file.axes, of_file.activity)
     assert in_python.quantities == of_file.quantities
     assert of_file.quantities["L_p"].unit == "1/s"
     assert of_file.quantities["time_constant"].unit == "s"

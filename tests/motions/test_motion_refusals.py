@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import asdict, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import test_rigid_body_verdict as bodies
@@ -134,7 +135,8 @@ BOAT = ev.load_machine("boat-yaw")
 DECLARED = {"channels": {"velocity_z": "m", "u": ev.input()}, "response": "ddt(velocity_z)"}
 VALUES = {"a": 1.0, "g": 1.0, "actuator_lag": 0.1}
 MACHINES = calls("machine", None,
-    (lambda: ev.identify_flight(LOG, model=BOAT), MissingChannelError, "the channel 'rudder' in arrays"),
+    (lambda: ev.identify_flight(LOG, model=Path("boat-yaw")), MissingChannelError,
+        "the channel 'rudder' in arrays"),
     (lambda: ev.identify_flight(LOG, model=BOAT, input="velocity_z"), UsageError, r"declares \(rudder\)"),
     (lambda: ev.load_machine("boat-jaw"), InputError, r"'boat-jaw'.*Did you mean 'boat-yaw'"),
     (lambda: ev.machine("x", **DECLARED, terms={"a": "u"}), InputError,

@@ -204,7 +204,8 @@ class Fitted:
             number = self.identified_number(name) if name in names else None
             if number is not None and number.excludes_zero:
                 words = name.replace("_", " ")
-                yield f"{target} has no {words}, and {name} {number.value:.4g} not in this file."
+                at_start = re.sub("^a ", "A ", target)
+                yield f"{at_start} has no {words}, and {name} {number.value:.4g} not in this file."
 
     def why_not(self, *names: str) -> str:
         """Why quantities are not written; a sentence that several share stands once."""

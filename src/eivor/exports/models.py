@@ -57,7 +57,7 @@ class StateSpace:
 def state_space(fitted: Fitted, supplied: Supplied, speed_m_s: float = 0.0) -> StateSpace:
     """State space of a result, about hover or flight along x."""
     if fitted.model == vehicle.RIGID_BODY:
-        return linearised(vehicle.describe(fitted, supplied, "A state space", vehicle.BODY), speed_m_s)
+        return linearised(vehicle.describe(fitted, supplied, "a state space", vehicle.BODY), speed_m_s)
     if speed_m_s:
         raise UsageError(
             "a result of the rigid body, for flight along x", f"one of {fitted.model}", "Leave the speed out."
@@ -308,11 +308,11 @@ def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
             )
             supplied.check_only((*needed, *LAGS), "statespace", body=False)
         return _lesser_document(fitted, state_space(fitted, supplied))
-    made = vehicle.describe(fitted, supplied, "A state space", vehicle.BODY)
+    made = vehicle.describe(fitted, supplied, "a state space", vehicle.BODY)
     hover, forward = linearised(made), linearised(made, FORWARD_M_S)
     parts = {"A": forward.A.tolist(), "B": forward.B.tolist(), "speed_m_s": FORWARD_M_S}
     remark = f"A and B are about hover; forward has those about flight along x at {FORWARD_M_S:g} m/s."
-    comments = (*made.comments, *vehicle.speed_comments(made, "A state space"), remark)
+    comments = (*made.comments, *vehicle.speed_comments(made, "a state space"), remark)
     return Exported(_document(comments, hover, forward=parts), made.omitted, made.lost)
 
 
@@ -321,7 +321,7 @@ def _lesser_document(fitted: Fitted, made: StateSpace) -> Exported:
     lacking = (
         {"input_gain", "thrust_gain"} if fitted.model == RATES else {"quadratic_drag", *vehicle.ELSEWHERE}
     )
-    lost = tuple(fitted.left_over("A state space", lacking))
+    lost = tuple(fitted.left_over("a state space", lacking))
     axes = [f"{axis}_effectiveness" for axis in TURNING if fitted.model == RATES]
     absent = [name for name in axes if name in fitted.quantities and name not in made.numbers]
     omitted = (f"Not written: {fitted.why_not(*absent)}",) if absent else ()
@@ -331,7 +331,7 @@ def _lesser_document(fitted: Fitted, made: StateSpace) -> Exported:
 def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """A, B and delay of each draw about hover, of six axes also A and B about forward flight."""
     if fitted.model == vehicle.RIGID_BODY:
-        drawn = vehicle.describe(fitted, supplied, "A state space", vehicle.BODY, draws, seed)
+        drawn = vehicle.describe(fitted, supplied, "a state space", vehicle.BODY, draws, seed)
         each = [
             replace(drawn, values={name: column[[row]] for name, column in drawn.values.items()})
             for row in range(drawn.values["mass"].size)

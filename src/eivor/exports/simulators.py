@@ -122,7 +122,7 @@ PX4_GAZEBO_REMARK = (
 
 def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Elements to put into an existing model of PX4, whose geometry stays."""
-    made, value, rotor, comments = _described(fitted, supplied, "A model of PX4", GAZEBO_GRAVITY)
+    made, value, rotor, comments = _described(fitted, supplied, "a model of PX4", GAZEBO_GRAVITY)
     inertial = {"mass": value["mass"], **{f"i{name[-2:]}": value[name] for name in vehicle.INERTIAS}}
     lines = xml_comments((*comments, PX4_GAZEBO_REMARK, OUTPUTS.format(rotor["largest_speed"])))
     for tag, rows in (("motor", _motor(value, rotor)), ("inertial", inertial)):

@@ -89,9 +89,9 @@ TIMING = (LATE, SECOND_STAGE, UP_AND_DOWN)
 _GAZEBO = (DRAG_ALONG, TURNING, SQUARE, LIFT, ACROSS, *TIMING[:2])
 #: What simulators lack; others have no delay and one lag.
 LACKS = {
-    "A state space": (SECOND_STAGE, UP_AND_DOWN),
+    "a state space": (SECOND_STAGE, UP_AND_DOWN),
     **dict.fromkeys(("CasADi", "drone-models", "PyBullet"), TIMING[:2]),
-    "A model of PX4": (*_GAZEBO, OFF_CENTRE, REACTION, ABOVE),
+    "a model of PX4": (*_GAZEBO, OFF_CENTRE, REACTION, ABOVE),
     "Gazebo": _GAZEBO,
     "gym-pybullet-drones": (TURNING, SQUARE, LIFT, REACTION, LAG, ACROSS, LATE),
     "Isaac Lab": (TURNING, LEVER, SQUARE, LIFT, *TIMING, DRAG_ACROSS, REACTION),
@@ -657,7 +657,7 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
         remedy = f" Hold its commands back by {value['delay']:.4g} s." if effect == LATE else ""
         manoeuvred = f"a manoeuvre of {REPLAY_S:g} s to {math.degrees(REPLAY_TILT):.0f} degrees"
         errors = f"errs by {float(f'{angle:.2g}'):g} degrees and {speed:.2g} m/s"
-        yield f"{target} has no {effect}{left_out}: {manoeuvred} {errors}.{remedy}"
+        yield f"{re.sub('^a ', 'A ', target)} has no {effect}{left_out}: {manoeuvred} {errors}.{remedy}"
 
 
 # -- Templates --

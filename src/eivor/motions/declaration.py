@@ -412,7 +412,7 @@ def _names(top: TomlTable, channels: Mapping[str, MachineChannel]) -> _Names:
 
 
 def _declared_unit(section: TomlTable, text: str | None, unit: Unit, scaled: bool) -> Unit:
-    """Unit of an expression, or the one that is declared: where a number is a factor it may be any."""
+    """Unit of an expression, or the one declared: of a number, or with one as a factor, it may be any."""
     if text is None:
         return unit
     declared: Unit = _unit(section, "unit", lambda: parsed_unit(text))

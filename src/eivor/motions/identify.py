@@ -55,7 +55,7 @@ def identify_flight(
     options: FlightOptions | None = None,
     *,
     windows: Sequence[tuple[float, float] | None] | None = None,
-    model: str | Motion[Any] = DEFAULT,
+    model: str | PathLike[str] | Motion[Any] = DEFAULT,
     vehicle: str | PathLike[str] = "",
     progress: Progress = no_stage_callback,
     **choices: Unpack[OptionChoices],
@@ -71,9 +71,9 @@ def identify_flight(
         Default: the recipe's.
     windows : sequence of (start, end) or None, optional
         A window [s] for each recording, in place of the options' for those that have one.
-    model : str or Motion
+    model : str, path or Motion
         What to identify: "vertical", "rates", "rigid-body", the name of a motion that another package
-        brings, or a motion itself.
+        brings, a machine's file, or a motion itself.
     vehicle : str or path, optional
         What flies, for motions that ask: the name of a shipped vehicle, or a vehicle file.
     progress : callable
@@ -99,7 +99,7 @@ def identify_flight(
     PoolingError
         When the flights are of vehicles with different input maps or parameters.
     """
-    motion = motion_by_name(model) if isinstance(model, str) else model
+    motion = motion_by_name(model) if isinstance(model, str | PathLike) else model
     checks.kind("model", motion, Motion, "the name of a motion, or a motion", 'The default is "vertical".')
     checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
     if vehicle:
@@ -112,7 +112,7 @@ def identify_log(
     options: FlightOptions | None = None,
     *,
     windows: Sequence[tuple[float, float] | None] | None = None,
-    models: Sequence[str | Motion[Any]] = (),
+    models: Sequence[str | PathLike[str] | Motion[Any]] = (),
     vehicle: str | PathLike[str] = "",
     progress: Progress = no_stage_callback,
     **choices: Unpack[OptionChoices],
@@ -123,7 +123,7 @@ def identify_log(
     ----------
     recordings, options, windows, progress, **choices
         As of `identify_flight`.
-    models : sequence of str or Motion, optional
+    models : sequence of str, path or Motion, optional
         What to identify; default: the vertical motion, turning, and with a vehicle the rigid body.
     vehicle : str or path, optional
         What flies: the name of a shipped vehicle, or a vehicle file.
@@ -159,11 +159,15 @@ def identify_log(
     return LogEstimate(results, {name: str(error) for name, error in errors.items()})
 
 
-def motions_of(models: Sequence[str | Motion[Any]], vehicle: str = "") -> tuple[Motion[Any], ...]:
+def motions_of(
+    models: Sequence[str | PathLike[str] | Motion[Any]], vehicle: str = ""
+) -> tuple[Motion[Any], ...]:
     """Motions that are named, else the usual ones; of a vehicle those that depend on it."""
-    checks.items("models", models, (str, Motion), "names of motions, or motions", 'Give ("vertical",).')
+    checks.items(
+        "models", models, (str, PathLike, Motion), "names of motions, or motions", 'Give ("vertical",).'
+    )
     named = models or (USUAL_MOTIONS if not vehicle else (*USUAL_MOTIONS, "rigid-body"))
-    motions = [motion_by_name(model) if isinstance(model, str) else model for model in named]
+    motions = [motion_by_name(model) if isinstance(model, str | PathLike) else model for model in named]
     if vehicle and all(motion.abilities.vehicle is None for motion in motions):
         of_vehicle(motions[0], vehicle)  # refuses
     return tuple(of_vehicle(m, vehicle) if vehicle and m.abilities.vehicle else m for m in motions)

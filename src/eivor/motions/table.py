@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -32,14 +33,14 @@ def motion_names() -> tuple[str, ...]:
     return tuple(dict.fromkeys((*_OWN, *sorted(_added()))))
 
 
-def motion_by_name(name: str) -> Motion[Any]:
+def motion_by_name(name: str | os.PathLike[str]) -> Motion[Any]:
     """Motion of a name, Eivor's own first. The channels that it adds are canonical from then on.
 
     Parameters
     ----------
-    name : str
+    name : str or path
         "vertical", "rates", "rigid-body", the name of a motion that another package brings or of a machine
-        that comes with Eivor, or the path of a machine's TOML file.
+        that comes with Eivor, or a machine's TOML file.
 
     Raises
     ------
@@ -49,6 +50,7 @@ def motion_by_name(name: str) -> Motion[Any]:
     InputError
         When a machine's file has something wrong in it.
     """
+    name = str(name) if isinstance(name, os.PathLike) else name
     checks.text("name", name)
     known = name in _OWN or name in motion_names()  # what is installed is searched for other names only
     if name.endswith(ENDING) or (not known and name in shipped_machines()):

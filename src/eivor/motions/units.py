@@ -84,9 +84,9 @@ _LOGICAL = {np.logical_and, np.logical_or, np.logical_not}
 
 
 def unit_of(expression: Expression, units: Mapping[str, Unit]) -> tuple[Unit, bool]:
-    """Unit of an expression over columns of known units, and whether it has a number as a factor."""
+    """Unit of an expression over columns of known units, and whether a number is it, or a factor of it."""
     stack: list[tuple[Unit, float | None]] = []
-    scaled = False
+    scaled = not expression.columns
     for step in expression.steps:
         if isinstance(step, str):
             stack.append((units[step], None))
