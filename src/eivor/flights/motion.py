@@ -407,8 +407,8 @@ def motion_tables(package: str) -> MotionTables:
     tables = package_tables(package, "motion.toml")
     tables["flight_words"]["fly"] = tables["words"]["fly"]
     for name, given in tables["quantities"].items():
-        shown = given.get("unit", "").replace("^2", "²").replace("^3", "³")
-        usual = {"words": name.replace("_", " "), "shown_unit": shown} | LAG_TABLES.get(name, {})
+        unit = given.get("unit", "").replace("^2", "²").replace("^3", "³")
+        usual = {"words": name.replace("_", " "), "shown_unit": unit} | LAG_TABLES.get(name, {})
         tables["quantities"][name] = usual | given
     return msgspec.convert(tables, MotionTables)
 
