@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import hashlib
 import io
+import json
 import math
 import subprocess
 import sys
@@ -29,6 +30,7 @@ from eivor.signals.recording import DataSheet
 from eivor.signals.thrust_map import input_map
 from eivor.simulation.rigid_body import vehicle_text
 from eivor.tools import Stage
+from exports import documents
 
 
 @pytest.fixture(autouse=True)
@@ -291,6 +293,11 @@ def test_the_vehicle_file_is_of_the_vehicle_that_flew(eivor, tmp_path):
     assert vehicle.positions == ((0.1, 0.2), (-0.1, -0.2), (0.1, -0.2), (-0.1, 0.2))
     assert (vehicle.gyro_cutoff_hz, vehicle.accelerometer_cutoff_hz) == (40.0, None)
     assert (vehicle.torque_ratio, vehicle.speed_scale) == (KnownNumber(0.02), KnownNumber(1.0))
+    fit = documents.written(documents.of_lopsided(delay=(0.00422, 1e-4), yaw_damping=(0.0, 0.01)), tmp_path)
+    run = eivor("simulate", "mine.toml", "-o", "log.parquet", "--from", fit, "--truth", "truth.json")
+    assert (run.code, run.err) == (0, "eivor: The delay is 4 ms for 4.22 ms, in whole steps of 2 ms.\n")
+    truth = json.loads(Path("truth.json").read_text(encoding="utf-8"))
+    assert [truth["delay"], *truth["rate_damping"]] == pytest.approx([0.004, 0.35, 0.35, 0.0])
     quick, slow = input_map(vehicle.thrust_map)(np.array([900.0, 300.0]))
     assert quick / slow == pytest.approx((3e-6 * 900.0**2 + 1e-6 * 900.0) / (3e-6 * 300.0**2 + 1e-6 * 300.0))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import runpy
 
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 
 import eivor as ev
+from eivor.exports.fitted import Supplied
+from eivor.motions.rigid_body.vehicle import KnownNumber
 from exports import documents
 from exports.documents import GRAVITY, OFFSET
 from exports.test_autopilots import qgc
@@ -291,3 +294,22 @@ def test_isaac_lab(file, tmp_path):
         column = np.array(made["draws"][name])
         assert np.median(column) == pytest.approx(value, abs=0.2 * column.std() + 1e-9 * abs(value)), name
     assert "Isaac Lab begins with a thrust_const of at least 1e-6" in file("isaaclab", draws=400)
+
+
+def test_a_torque_that_was_measured_as_none_is_none(tmp_path):
+    """Rotors whose drag does not turn; where a target has it turn, the bound that this breaks is said."""
+    none = {f"{axis}_damping": (0.0, 0.01) for axis in ("roll", "pitch", "yaw")}
+    fit = ev.load_fit(documents.written(documents.of_lopsided(**none), tmp_path))
+    given = Supplied(priors={"largest_command": KnownNumber(FASTEST)})
+    made = {
+        to: fit.exported(to, given, None, 0) for to in ("mujoco", "statespace", "rotorpy", "gazebo", "urdf")
+    }
+    drags = of_xml(xml_tree(made["mujoco"].text))["actuator.general.biasprm"][3:]
+    np.testing.assert_allclose(np.array(drags)[:, 2], [DRAG[1] * HEIGHT**2, DRAG[0] * HEIGHT**2, 0.0])
+    A = np.array(json.loads(made["statespace"].text)["A"])
+    np.testing.assert_allclose(np.diag(A)[6:9], 0.0, atol=0.01)  # 0.35 and 0.5 1/s of the rotors' drag
+    forced = 4 * ACROSS * HOVER * np.square(PLACES[:, :2]).sum() / 4
+    for to in ("rotorpy", "gazebo"):
+        (text,) = (line for line in made[to].lost if "against turning" in line)
+        assert f"yaw_drag {forced:.3g}, above its bound 5.5" in text  # 2.04 times the error of 0.01 1/s
+    assert not any("against turning" in line for to in ("mujoco", "urdf") for line in made[to].lost)

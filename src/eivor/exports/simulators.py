@@ -200,7 +200,7 @@ def _mujoco_drags(made: VehicleDescription) -> list[Float[np.ndarray, " n"]]:
     drags = [values.get(name, zero) for name in vehicle.DRAGS] + [values.get(*pair) for pair in torques]
     along_x, along_y = drags[:2]
     for row, drag in ((3, along_y), (4, along_x)):
-        drags[row] = np.maximum(drags[row] - drag * values.get(vehicle.HEIGHT, zero) ** 2, 0.0)
+        drags[row] = drags[row] - drag * values.get(vehicle.HEIGHT, zero) ** 2
     return drags
 
 

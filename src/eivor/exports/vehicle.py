@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
@@ -63,6 +63,8 @@ EFFECTS = {
     (DRAG_ALONG := "drag along the rotors' axes"): DRAGS[2:],
     (TURNING := "torque against turning"): TORQUES,
     (BESIDE_ROTORS := f"{TURNING} beside that of its rotors' drag"): TORQUES,
+    (BESIDE_ACROSS := f"{BESIDE_ROTORS} across their axes"): TORQUES,
+    (BELOW_ROTORS := f"{TURNING} below that of its rotors' drag"): TORQUES,
     (LEVER := "drag beside the centre of mass"): (*CENTRE, HEIGHT),  # of one whose drag acts in it
     (ABOVE := "rotors above the centre of mass"): (HEIGHT,),
     (SQUARE := "quadratic drag"): QUADRATIC,
@@ -86,9 +88,10 @@ ALIKE = {
     (TURNING_OTHER := "torque against turning other than about x"): (TORQUES[1:], TORQUES[:1]),
 }
 TIMING = (LATE, SECOND_STAGE, UP_AND_DOWN)
-_GAZEBO = (DRAG_ALONG, TURNING, SQUARE, LIFT, ACROSS, *TIMING[:2])
+_GAZEBO = (DRAG_ALONG, BESIDE_ACROSS, SQUARE, LIFT, ACROSS, *TIMING[:2])
 #: What simulators lack; others have no delay and one lag.
 LACKS = {
+    "a simulated flight": (SECOND_STAGE,),
     "a state space": (SECOND_STAGE, UP_AND_DOWN),
     **dict.fromkeys(("CasADi", "drone-models", "PyBullet"), TIMING[:2]),
     "a model of PX4": (*_GAZEBO, OFF_CENTRE, REACTION, ABOVE),
@@ -98,7 +101,18 @@ LACKS = {
     "MuJoCo": (LIFT, REACTION, OF_SPEED, *TIMING),
     "RotorPy": (BESIDE_ROTORS, REACTION, ACROSS, *TIMING),
     "SIH": (OFF_CENTRE, SQUARE, LIFT, REACTION, ABOVE, OTHER_THAN_Z, TURNING_OTHER, OF_SPEED, *TIMING),
-    "SITL": (OTHER_THAN_X, QUADRATIC_OTHER, TURNING_OTHER, IN_STEP, COUPLING, LIFT, REACTION, LAG, LATE),
+    "SITL": (
+        OTHER_THAN_X,
+        QUADRATIC_OTHER,
+        TURNING_OTHER,
+        BELOW_ROTORS,
+        IN_STEP,
+        COUPLING,
+        LIFT,
+        REACTION,
+        LAG,
+        LATE,
+    ),
 }
 
 
@@ -187,6 +201,7 @@ class VehicleDescription:
     comments: tuple[str, ...]
     omitted: tuple[str, ...]  # What the flight does not identify
     lost: tuple[str, ...] = ()  # What the simulator cannot hold
+    none: Mapping[str, float] = field(default_factory=dict)  # Bounds of torques that were measured as none
 
 
 def describe(
@@ -226,13 +241,19 @@ def describe(
     gone = _not_written(fitted, {name: why for name, why in missing.items() if name not in selected})
     numbers = (f"{words}: {selected[name].number.words}" for name, words in WORDS.items() if name in selected)
     comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *bounds, *changed, *gone)
-    made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone)
+    none = {name: bound for name in TORQUES if (bound := _none(selected.get(name))) is not None}
+    made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone, none=none)
     hover = fitted.input_map.inverse(float(mapped_hover(made)[0])) if "thrust" in values else 0.0
     if (most := float(values.get("largest_command", [math.inf])[0])) <= hover:
         raise UsageError(f"a largest command above that at hover, {hover:.6g}", f"{most:.6g}", "Correct it.")
     lacks = (*LACKS.get(target, TIMING), *also)
     lost = (*_lost(made, target, lacks), *fitted.left_over(target, ELSEWHERE)) if draws is None else ()
     return replace(made, comments=(*comments, *lost), lost=lost)
+
+
+def _none(item: SimulatorNumber | None) -> float | None:
+    """Bound of what was measured as none."""
+    return max(item.number.interval[1], 0.0) if item is not None and item.number.value == 0.0 else None
 
 
 def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:
@@ -371,6 +392,9 @@ def _parts(
                 parts[name] = SimulatorNumber(Number(value, interval, source), formula.expression.evaluate)
             elif name in PHYSICAL:
                 missing[name] = fitted.lacking(formula.needed) or number.sentence
+            elif name in TORQUES and interval is not None:
+                source = f"{fitted.source(*formula.needed)}, not distinguished from zero"
+                parts[name] = SimulatorNumber(Number(0.0, interval, source), lambda row: 0.0 * row["mass"])
             else:
                 bounds.extend(_left_out(fitted, WORDS[name], formula, interval))
         parts |= _height(fitted, known)
@@ -479,11 +503,11 @@ def places(made: VehicleDescription) -> Float[np.ndarray, "n rotors 2"]:
     return values["arm_scale"][:, None, None] * np.array(made.vehicle.positions) - centre[:, None, :]
 
 
-def turned_by_rotors(made: VehicleDescription) -> Float[np.ndarray, "3 n"]:
+def turned_by_rotors(made: VehicleDescription, share_along: float = 1.0) -> Float[np.ndarray, "3 n"]:
     """Torque of the rotors' drag against turning about each axis in hover [N m/(rad/s)]."""
     rotors, height = rotors_of(made), made.values.get(HEIGHT, np.zeros(1))
     across, along = (rotors["hover_speed"] * rotors[name] for name in ("drag_across", "drag_along"))
-    forward, left = np.square(places(made)).sum(axis=1).T
+    along, (forward, left) = share_along * along, np.square(places(made)).sum(axis=1).T
     high = made.vehicle.count * across * height**2
     return np.stack([along * left + high, along * forward + high, across * (forward + left)])
 
@@ -495,11 +519,11 @@ REACH = 2.0
 def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[tuple[float, ...]]]:
     """The first vehicle, whose rotors drag where they are or in the centre of mass, and its body's drags."""
     value, rotor, at = first(made.values), first(rotors_of(made)), places(made)[0]
-    drag, torque = (np.array([value.get(name, 0.0) for name in names]) for names in (DRAGS, TORQUES))
+    turned = turned_by_rotors(made)[:, 0] if lever else np.zeros(3)
+    drag = np.array([value.get(name, 0.0) for name in DRAGS])
+    torque = np.array([value.get(*pair) for pair in zip(TORQUES, turned.tolist(), strict=True)]) - turned
     across, along = (rotor[name] if lever else 0.0 for name in ("drag_across", "drag_along"))
     height = value.get(HEIGHT, 0.0) if lever else 0.0
-    if lever and any(name in value for name in TORQUES):
-        torque -= turned_by_rotors(made)[:, 0]
     of_rotors = made.vehicle.count * rotor["hover_speed"] * np.array([across, across, along])
     lag, largest = value.get("actuator_lag", LEAST["actuator_lag"]), rotor["largest_speed"]
     lag_up, lag_down = up_and_down(lag, value)
@@ -532,7 +556,8 @@ def up_and_down(lag: float, value: Mapping[str, float]) -> tuple[float, float]:
 
 def simulated_vehicle(made: VehicleDescription) -> Vehicle:
     """The first vehicle for Eivor's own simulator; what takes energy out is no less than zero."""
-    return _flown(made, lever=True)[0]
+    turned = zip(TORQUES, turned_by_rotors(made)[:, 0], strict=True)
+    return _flown(made, lever=all(torque <= made.none.get(name, np.inf) for name, torque in turned))[0]
 
 
 def coefficients(made: VehicleDescription, *, lever: bool = True) -> Coefficients:
@@ -631,13 +656,23 @@ def alike(value: Mapping[str, float], effect: str) -> float:
 def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iterator[str]:
     """What a simulator cannot hold of a vehicle, with the error that its absence makes."""
     whole, value = None, first(made.values)
-    dragged = any(value.get(name) for name in DRAGS)  # The rotors' drag turns, identified or not
+    turned, across = (turned_by_rotors(made, share)[:, 0] for share in (1.0, 0.0))
+    whole_turned = dict(zip(TORQUES, turned.tolist(), strict=True)) | value
+    least = np.maximum(turned, [whole_turned[name] for name in TORQUES])
+    turning = {TURNING: 0.0 * turned, BESIDE_ROTORS: turned, BESIDE_ACROSS: across, BELOW_ROTORS: least}
     for effect in lacks:
-        names, mean = EFFECTS.get(effect, ()), 0.0
+        has, held = dict.fromkeys(EFFECTS.get(effect, ()), 0.0), value
         if effect in ALIKE:
-            names, mean = ALIKE[effect][0], alike(value, effect)
-        names = tuple(name for name in names if not math.isclose(value.get(name, mean), mean, rel_tol=1e-6))
-        if not names and EFFECTS.get(effect, True) and not (effect == TURNING and dragged):
+            has = dict.fromkeys(ALIKE[effect][0], alike(value, effect))
+        elif effect in turning:  # The rotors' drag turns, identified or not
+            has, held = dict(zip(TORQUES, turning[effect].tolist(), strict=True)), whole_turned
+        names = tuple(
+            name
+            for name, number in has.items()
+            if not math.isclose(held.get(name, number), number, rel_tol=1e-6)
+            and number > made.none.get(name, -math.inf)
+        )
+        if not names and EFFECTS.get(effect, True):
             continue
         if whole is None:
             commands = manoeuvre(made, 20.0)
@@ -645,15 +680,25 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
             commands = manoeuvre(made, 20.0 * min(REPLAY_TILT / tilt, 5.0))
             whole = replayed(*held_back(made, commands))
         rest = {name: column for name, column in made.values.items() if name not in names}
-        if effect == TURNING or effect in ALIKE:
-            rest |= dict.fromkeys(names or TORQUES, np.full(1, mean))
+        if effect in turning or effect in ALIKE:
+            rest |= {name: np.full(1, has[name]) for name in names}
         kept = made if effect == LEVER else replace(made, values=rest)
         without = replayed(*held_back(kept, commands), (effect,))
         cosine = np.abs((whole[:, 6:10] * without[:, 6:10]).sum(axis=1)).clip(max=1.0)
         angle = math.degrees(2.0 * np.arccos(cosine).max())
         speed = float(np.linalg.norm(whole[:, 3:6] - without[:, 3:6], axis=1).max())
-        gone = [f"{name} {value[name]:.4g}" for name in names if effect != LEVER or name == HEIGHT]
+        gone = [
+            f"{name} {value[name]:.4g}"
+            for name in names
+            if name in value and name not in made.none and (effect != LEVER or name == HEIGHT)
+        ]
         left_out = f", and {', '.join(gone)} not in this file" if gone else ""
+        forced = [
+            f"{name} {has[name]:.3g}, above its bound {made.none[name]:.3g}"
+            for name in names
+            if name in made.none
+        ]
+        left_out += f", and its rotors' drag makes {'; '.join(forced)}" if forced else ""
         remedy = f" Hold its commands back by {value['delay']:.4g} s." if effect == LATE else ""
         manoeuvred = f"a manoeuvre of {REPLAY_S:g} s to {math.degrees(REPLAY_TILT):.0f} degrees"
         errors = f"errs by {float(f'{angle:.2g}'):g} degrees and {speed:.2g} m/s"

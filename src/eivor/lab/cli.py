@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -43,7 +44,7 @@ from eivor.cli.outputs import (
 from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError
 from eivor.exports.fitted import accepted_verdicts
-from eivor.exports.vehicle import BODY, SECOND_STAGE, describe, simulated_vehicle
+from eivor.exports.vehicle import BODY, describe, simulated_vehicle
 from eivor.exports.vehicle import RIGID_BODY as RIGID_BODY_MODEL
 from eivor.lab import figures as drawings
 from eivor.lab.paper import PaperResult, named_readings, run_paper
@@ -237,10 +238,16 @@ def _of_fit(scenario: Simulated, fit: str, mass: str, accept: str) -> RigidBodyF
         expected = "a result of the rigid body for --from"
         remedy = "Identify the log with --model rigid-body --vehicle FILE.toml."
         raise UsageError(expected, f"one of {fitted.model}", remedy)
-    made = describe(fitted, supplied(mass, (), ""), "A simulated flight", BODY, also=(SECOND_STAGE,))
-    if made.omitted or made.lost:
-        complain(*made.omitted, *made.lost)
-    return replace(scenario, vehicle=simulated_vehicle(made))
+    made = describe(fitted, supplied(mass, (), ""), "a simulated flight", BODY)
+    vehicle, step_s = simulated_vehicle(made), scenario.step_s
+    delay = round(vehicle.rotors.delay / step_s) * step_s
+    said = [*made.omitted, *made.lost]
+    if not math.isclose(delay, vehicle.rotors.delay, abs_tol=1e-9):
+        steps = f"whole steps of {1e3 * step_s:.4g} ms"
+        said.append(f"The delay is {1e3 * delay:.4g} ms for {1e3 * vehicle.rotors.delay:.4g} ms, in {steps}.")
+    if said:
+        complain(*said)
+    return replace(scenario, vehicle=replace(vehicle, rotors=replace(vehicle.rotors, delay=delay)))
 
 
 def _simulated(scenario: Simulated, seed: int) -> KnownLog:
