@@ -18,7 +18,6 @@ from eivor.cli.main import app
 from eivor.cli.options import FlightWords
 from eivor.cli.parsing import flight_options
 from eivor.errors import InputError, MissingChannelError, ParameterError, UsageError
-from eivor.flights.motion import of_vehicle
 from eivor.motions.rigid_body import vehicle as vehicles
 from eivor.motions.rigid_body.dynamics import side_by_side
 from eivor.motions.rigid_body.motion import refuse_other_turns
@@ -224,7 +223,8 @@ TURNING = calls("turning", None,
     (lambda: ev.identify(LINE, ev.methods.output_error()), UsageError,
         "a flight of a motion whose states output_error predicts"),
     (lambda: flight_options((Vertical(),), FlightWords(terms=["lift"])), UsageError, "received 'lift'"),
-    (lambda: of_vehicle(Vertical(), "quadrotor-x"), UsageError, "the radius of its rotors"),
+    (lambda: ev.identify_flight(body(), model="vertical", vehicle="quadrotor-x", terms=("ground-effect",)),
+        UsageError, "or a vehicle file with it"),
 )  # fmt: skip
 
 

@@ -146,7 +146,7 @@ VehicleOption = Annotated[
     option(
         "FILE|NAME",
         "What flies, for the rigid body: a vehicle file, or a shipped one (eivor vehicle list). The "
-        "vertical motion takes the radius of its rotors.",
+        "vertical motion takes the radius of its rotors, where the file has it.",
         values_of="eivor.motions.rigid_body.vehicle:shipped_vehicles",
     ),
     Reads(),

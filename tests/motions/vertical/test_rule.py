@@ -456,6 +456,8 @@ def test_nothing_is_known_without_radius_or_ground_or_where_the_equation_has_it(
 def test_the_radius_comes_from_a_vehicle_too(tmp_path):
     file = tmp_path / "mine.toml"
     rotors = '[rotors]\nlayout = "quad-x"\nnumbering = "px4"\n'
+    file.write_text(rotors, encoding="utf-8")
+    assert of_vehicle(Vertical(), str(file)) == Vertical()  # one without serves all but the ground effect
     file.write_text(rotors + "radius = 0.15\n", encoding="utf-8")
     vertical = of_vehicle(Vertical(), str(file))
     assert vertical.rotor_radius == 0.15

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eivor import checks
-from eivor.errors import InputError, UsageError
+from eivor.errors import InputError
 from eivor.estimation.estimate import Estimate
 from eivor.flights import lag_prior
 from eivor.flights.grid import on_grid
@@ -387,12 +387,7 @@ class Vertical(Motion[VerticalFlights]):
         return replace(self, added=added, rotor_radius=radius, mean_voltage=known)
 
     def _of_vehicle(self, vehicle: str) -> Vertical:
-        radius = load_vehicle(vehicle).rotor_radius
-        if radius is None:
-            expected = f"a vehicle with the radius of its rotors, which is all that '{self.name}' asks of one"
-            remedy = "Write radius = 0.12 under [rotors] of its file, or leave the vehicle out."
-            raise UsageError(expected, f"{vehicle!r}, which has none", remedy)
-        return replace(self, rotor_radius=radius)
+        return replace(self, rotor_radius=load_vehicle(vehicle).rotor_radius)
 
     def _restored(self, record: object) -> Vertical:
         if record is None:
