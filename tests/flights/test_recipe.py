@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -254,10 +255,43 @@ def test_grounded_flights_never_take_off(log):
             ask()
 
 
-def test_flights_without_three_seconds_say_so(log):
-    result = ev.identify_flight(log, ev.FlightOptions(window=(5.0, 7.5)))
-    assert "has no three seconds in the air" in result.verdict.sentences[0]
+def lossy(log, name, share):
+    """The log without a share of the values of a channel, at random."""
+    known = log.channels[name]
+    lost = np.random.default_rng(0).random(known.values.size) < share
+    return changed(log, **{name: replace(known, values=np.where(lost, np.nan, known.values))})
+
+
+@pytest.mark.parametrize(
+    ("of", "window", "told"),
+    [
+        (lambda log: log, (5.0, 7.5), "the window holds 2.5 s of it.*Widen the window"),
+        (lambda _: flown(seconds=2.0)[0], None, "it covers 2 s.*check the unit of its clock"),
+        (
+            lambda log: changed(log, cos_tilt=np.full(3000, 0.8)),
+            None,
+            "100% .* have a cos_tilt below 0.9.*unit",
+        ),
+        (
+            lambda log: lossy(log, "rotor_command_1", 0.99),
+            None,
+            "% of its samples have no rotor_command_1.*Log rotor_command_1 without gaps",
+        ),
+    ],
+)
+def test_flights_without_three_seconds_say_what_they_lack(of, window, told, log):
+    result = ev.identify_flight(of(log), ev.FlightOptions(window=window))
+    sentences = " ".join(result.verdict.sentences)
+    assert re.search(f"has no three seconds in the air in runs of a second or more: {told}", sentences)
     assert "no_usable_run" in [finding.name for finding in result.findings]
+
+
+def test_single_values_that_a_command_lacks_are_bridged(log, fit):
+    quantities = ev.identify_flight(lossy(log, "rotor_command_1", 0.05)).quantities
+    for name in ("viscous_friction", "input_gain", "effective_lag"):
+        entire, low, high = fit.quantities[name].value, *quantities[name].interval
+        assert low < entire < high
+        assert quantities[name].value == pytest.approx(entire, abs=0.3 * (high - low))
 
 
 @pytest.mark.parametrize(("taken", "exponent"), [("linear", 2.0), ("power:1.5", 2.0), ("square", 2.0)])

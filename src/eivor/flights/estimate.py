@@ -523,8 +523,9 @@ def _unused(state: FlightState) -> tuple[str, str]:
         name, never, has_no = first.recording.name, " never", "has no"
     if not any(flight.active.mask.any() for flight in state.prepared):
         return f"{name}{never} {words.begins} (by {first.active.rule}).", words.another_log
-    sentence = f"{name} {has_no} three seconds {words.where} in runs of a second or more, {words.limits}."
-    return sentence, words.loosen
+    short, remedy = first.shortfall
+    short = f"of {first.recording.name}, {short}" if others else short
+    return f"{name} {has_no} three seconds {words.where} in runs of a second or more: {short}.", remedy
 
 
 # -- Lag from rates --

@@ -166,6 +166,19 @@ def around(used: Mask, grid: Grid) -> Mask:
     return ((ahead >= 0) & (ahead <= before)) | ((passed >= 0) & (passed <= behind))
 
 
+def bridged(channel: Channel) -> Channel:
+    """A channel whose single missing values, between gaps, are on the line between their neighbours."""
+    known = np.isfinite(channel.values)
+    if known.all() or not known.any():
+        return channel
+    time, values = channel.time_s[known], channel.values[known]
+    lost = ~known & (channel.time_s > time[0]) & (channel.time_s < time[-1])
+    shortest_s = max(5.0 * float(np.median(np.diff(channel.time_s))), 0.1)  # as of a channel that loses none
+    gaps = Channel(channel.name, time, values, channel.unit).gaps(factor=0.0, at_least_s=shortest_s)
+    lost &= ~_inside(gaps, channel.time_s)
+    return replace(channel, values=np.where(lost, np.interp(channel.time_s, time, values), channel.values))
+
+
 def on_grid(channel: Channel, grid: Grid, between: Between = line_between) -> tuple[Series, Mask]:
     """Values of `channel` on the grid and where they stand on data."""
     finite = np.isfinite(channel.values)

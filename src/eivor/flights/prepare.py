@@ -10,7 +10,7 @@ import numpy as np
 from eivor.errors import MissingChannelError, PoolingError, UsageError, did_you_mean
 from eivor.estimation.linear import OUTPUT_ERROR, OutputError
 from eivor.estimation.methods import by_name
-from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid, upward
+from eivor.flights.grid import Active, Grid, Mask, bridged, command_on_grid, common_grid, on_grid, upward
 from eivor.flights.motion import Motion
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, mask_of, matched_interpolation_filter
@@ -21,7 +21,7 @@ from eivor.signals.filters import fast_length
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import CONTROLLER_RATE, Channel, Finding, Recording, interval_within
 from eivor.signals.signals import Signals, stretches
-from eivor.tools import Bool, Float
+from eivor.tools import Float
 
 #: Runs shorter than this are left out, and flights with less than this to use [s].
 SHORTEST_RUN_S = 1.0
@@ -42,14 +42,15 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     fast = [*selected.commands, *selected.logged_responses]
     grid = common_grid(selected.channels, fast, step_s=selected.step_s)
     clocks = _clocks(log, selected, options.controller_rate_hz)
-    channels, good = _gridded(selected, grid, clocks)
+    channels, stands = _gridded(selected, grid, clocks)
     if selected.matched_interpolation_filter:
         channels = matched_interpolation_filter(channels, selected, clocks, grid)
     level = np.stack([channels[command.name] for command in selected.commands], axis=1).mean(axis=1)
     active = selected.active(log, grid, level)
-    standing = good & active.mask
+    inside = np.ones(grid.count, dtype=np.bool_)
     if window is not None:
-        standing &= (grid.time_s >= window[0]) & (grid.time_s <= window[1])
+        inside = (grid.time_s >= window[0]) & (grid.time_s <= window[1])
+    standing = np.logical_and.reduce([inside, active.mask, *stands.values()])
     usable = standing.copy() if active.counted is None else standing & active.counted
     for name, least in selected.at_least.items():
         usable &= channels[name] >= least
@@ -99,6 +100,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         noise=listed,
         states=tuple(channel.name for channel in selected.states.values()),
         curve_side=common_side(command.curve_side for command in selected.commands),
+        shortfall=("", "") if runs else _shortfall(motion, selected, grid, inside, stands, active, channels),
     )
 
 
@@ -110,7 +112,7 @@ def part_to_read(log: Recording, window: tuple[float, float] | None) -> Recordin
     return log.part(start - BESIDE_S, end + BESIDE_S)
 
 
-def _runs(standing: Bool[np.ndarray, " n"], usable: Bool[np.ndarray, " n"], step_s: float) -> list[slice]:
+def _runs(standing: Mask, usable: Mask, step_s: float) -> list[slice]:
     """Stretches of standing samples, most of them usable."""
     bridged, edged = usable.copy(), np.pad(usable, 1)
     for excursion in stretches(standing & ~usable):
@@ -121,6 +123,34 @@ def _runs(standing: Bool[np.ndarray, " n"], usable: Bool[np.ndarray, " n"], step
     long = (run for run in quick if usable[run].sum() * step_s >= SHORTEST_RUN_S)
     runs = [run for run in long if usable[run].mean() >= LEAST_COUNTED_SHARE]
     return runs if sum(usable[run].sum() for run in runs) * step_s >= LEAST_USED_S else []
+
+
+def _shortfall(
+    motion: Motion[Any],
+    selected: Selection,
+    grid: Grid,
+    inside: Mask,
+    stands: Mapping[str, Mask],
+    active: Active,
+    channels: Mapping[str, Float[np.ndarray, " n"]],
+) -> tuple[str, str]:
+    """The condition that fails most, in words, and its remedy."""
+    words, loosen = motion.words, motion.words.loosen
+    whole_s, window_s = grid.count * grid.step_s, float(inside.sum()) * grid.step_s
+    if whole_s < LEAST_USED_S:
+        return f"it covers {whole_s:.2g} s", "Log for longer, or check the unit of its clock."
+    if window_s < LEAST_USED_S:
+        return f"the window holds {window_s:.2g} s of it", "Widen the window."
+    holds = [(mask, f"have no {name}", f"Log {name} without gaps.") for name, mask in stands.items()]
+    holds.append((active.mask, f"are not {words.where} (by {active.rule})", words.another_log))
+    if active.counted is not None:
+        holds.append((active.counted, "are beyond what the motion describes", loosen))
+    holds += [
+        (channels[name] >= least, f"have a {name} below {least:.2g}", loosen)
+        for name, least in selected.at_least.items()
+    ]
+    mask, what, remedy = min(holds, key=lambda item: float(item[0][inside].mean()))
+    return f"{1.0 - float(mask[inside].mean()):.0%} of its samples {what}", remedy
 
 
 def _selected(
@@ -164,22 +194,22 @@ def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[
 
 def _gridded(
     selected: Selection, grid: Grid, clocks: Mapping[str, Clock]
-) -> tuple[dict[str, Float[np.ndarray, " n"]], Bool[np.ndarray, " n"]]:
-    """Values of every channel on the grid, and where all of them stand on data."""
+) -> tuple[dict[str, Float[np.ndarray, " n"]], dict[str, Mask]]:
+    """Values of every channel on the grid, and where each of them stands on data."""
     commands = {command.name for command in selected.commands}
     channels: dict[str, Float[np.ndarray, " n"]] = {}
-    good = np.ones(grid.count, dtype=np.bool_)
+    stands: dict[str, Mask] = {}
     for channel in selected.channels:
         name = channel.name
         if name in commands:
-            issued = as_issued(channel, clocks[name]) if name in clocks else channel
-            channels[name], stands = command_on_grid(issued, grid)
+            whole = bridged(channel) if channel.held else channel
+            issued = as_issued(whole, clocks[name]) if name in clocks else whole
+            channels[name], stands[name] = command_on_grid(issued, grid)
         else:
-            channels[name], stands = on_grid(channel, grid, selected.between(channel))
-        good &= stands
+            channels[name], stands[name] = on_grid(channel, grid, selected.between(channel))
     for name, value in selected.constants.items():
         channels.setdefault(name, np.full(grid.count, value))
-    return channels, good
+    return channels, stands
 
 
 #: Distance of samples [s]: shorter than what begins or ends a flight, and than that of slow telemetry.

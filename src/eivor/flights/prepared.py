@@ -347,6 +347,7 @@ class PreparedFlight:
     #: Where the channels of the input stand to the autopilot's thrust curve; unknown where they differ
     curve_side: CurveSide = CurveSide.UNKNOWN
     corrected: tuple[str, ...] = ()  # Differences between measurements that were taken out
+    shortfall: tuple[str, str] = ("", "")  # Without runs: the condition that fails most, and its remedy
 
     @cached_property
     def shortened(self) -> PreparedFlight:

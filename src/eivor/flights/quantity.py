@@ -201,8 +201,6 @@ class Words:
     title: str  # Name of the motion, as a heading
     model: str  # Name in JSON documents
     fly: str  # What to fly when nothing else helps, one sentence
-    #: What samples are limited by, after "three seconds in the air in runs of a second or more,"
-    limits: str = "inside the window"
     limited_by: str = "window and gaps"  # The same as a list of nouns
     loosen: str = "Widen the window."  # What to do when those limits leave nothing
     no_reference: str = "None is logged."  # What is missing when no reference is logged

@@ -348,9 +348,9 @@ def _prepared(
     flight = prepare(recording, motion, options)
     if not flight.runs:
         raise InputError(
-            f"three seconds {motion.words.where} in runs of a second or more, {motion.words.limits}",
-            f"none in {recording.name}",
-            motion.words.loosen,
+            f"three seconds {motion.words.where} in runs of a second or more",
+            f"none in {recording.name}: {flight.shortfall[0]}",
+            flight.shortfall[1],
         )
     return FlightState(for_flights(motion, (flight,), options), (flight,), options)
 
