@@ -275,7 +275,7 @@ def lossy(log, name, share):
         (
             lambda log: lossy(log, "rotor_command_1", 0.99),
             None,
-            "% of its samples have no rotor_command_1.*Log rotor_command_1 without gaps",
+            "100% of its samples have no rotor_command_1.*Log rotor_command_1 without gaps",
         ),
     ],
 )
