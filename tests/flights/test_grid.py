@@ -516,6 +516,8 @@ def test_a_reference_that_is_set_to_the_measured_height_stands_still_there():
     assert remarks(echo)["reference_position_z"] == "it is the measured position_z"
     steps = replace(wanted, values=np.where(wanted.time_s % 4.0 < 2.0, 0.5, -0.5))
     kinks = replace(wanted, values=np.abs(wanted.time_s % 4.0 - 2.0))
+    since = np.maximum(0.01 * np.arange(400) - 2.003, 0.0)  # a smooth step passes by what is measured
+    assert not measured_resets(0.023 - np.minimum(10.0 * since**2, 1.0), np.zeros(400), 0.01)
     for clean in (wanted, steps, kinks):
         flight = prepare_vertical(changed(still_log, reference_position_z=clean), FlightOptions())
         assert all(reference.logged is None for reference in flight.references)

@@ -305,10 +305,13 @@ def measured_resets(reference: Series, measured: Series, step_s: float) -> list[
     coincidences = np.zeros(reference.size, dtype=np.bool_)
     if reference.size > 4 * reach:
         before, after = reference[reach : -3 * reach], reference[3 * reach : -reach]
-        jump = np.abs(2.0 * (after - before) - reference[4 * reach :] + reference[: -4 * reach])
+        earlier, later = before - reference[: -4 * reach], reference[4 * reach :] - after
+        jump = np.abs(after - before - earlier - later)
+        alike = np.abs(later - earlier) < JUMP_SHARE * jump  # at a kink the slope changes by more
         gap, left = away[reach : -3 * reach], away[3 * reach : -reach]
         whole = -_largest_around(-jump, reach + 1) > JUMP_SHARE * gap
-        coincidences[2 * reach : -2 * reach] = whole & (left < ONTO_SHARE * gap) & (gap > LEAST_RESET)
+        onto = whole & alike & (left < ONTO_SHARE * gap) & (gap > LEAST_RESET)
+        coincidences[2 * reach : -2 * reach] = onto
     width = max(round(EQUAL_S / step_s), 2)
     moved = _largest_around(measured, width) + _largest_around(-measured, width)
     equal = (_largest_around(away, width) < EQUAL_SHARE * moved) & (moved > LEAST_RESET)
