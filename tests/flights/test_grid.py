@@ -30,6 +30,7 @@ from eivor.flights.grid import (
 )
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import triangle_mean
+from eivor.flights.references import measured_resets
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import vertical_flight
