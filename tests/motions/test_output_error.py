@@ -119,6 +119,11 @@ def test_kinematics_finds_clock_scale_and_bias_and_clocks_are_put_together(fligh
     np.testing.assert_allclose(moved, 0.012, atol=5e-4)
     assert with_one_clock(log, comparisons(log, [(1.0, 26.0)])) == (log, ())
     assert with_one_clock(late, made, cutoff_hz=18.757) == (late, ())  # a known low-pass is as late
+    # the end of the search is no measurement
+    stamps = {name: channel.time_s + 0.103 * (name in wrong) for name, channel in late.channels.items()}
+    later = replace(late, channels={n: replace(late.channel(n), time_s=t) for n, t in stamps.items()})
+    untouched, (sentence,) = with_one_clock(later, comparisons(later, [(1.0, 26.0)]))
+    assert (untouched, "At no offset" in sentence) == (later, True)
 
 
 @pytest.mark.parametrize("turning", [1.0, 0.0])

@@ -101,8 +101,8 @@ class Comparison:
         matrix = self._gains(offset, stretches)
         scales = np.diag(matrix)
         turned, derived = self.measured[stretches] * self._turn(offset), self.derived[stretches]
-        cross = np.maximum((turned * derived.conj()).real.sum(axis=(0, 2)), 1e-300)
-        reverse = (np.abs(turned) ** 2).sum(axis=(0, 2)) / cross
+        power = np.maximum((np.abs(turned) ** 2).sum(axis=(0, 2)), 1e-300)
+        reverse = power / np.maximum((turned * derived.conj()).real.sum(axis=(0, 2)), 1e-9 * power)
         turns = [0.5 * (matrix[b, a] / scales[a] - matrix[a, b] / scales[b]) for a, b in PAIRS]
         biases = np.median(self.means[stretches], axis=0)
         return np.array([offset, *scales, *reverse, *biases, *turns])
@@ -118,10 +118,16 @@ class Comparison:
 
     def offset_s(self, filter_s: float) -> float:
         """Offset of the clocks beyond the delay of a filter, where it is sure [s]; else zero."""
-        if not self.coherent.any():
+        if self.searched_in_vain or not self.coherent.any():
             return 0.0
         value, error = self.estimates[0][0] - filter_s, self.estimates[1][0]
         return float(value) if abs(value) > max(SURE * error, LEAST_OFFSET_S) else 0.0
+
+    @property
+    def searched_in_vain(self) -> bool:
+        """Whether the offset is an end of the search, which is no measurement."""
+        offset = self._offset(self.coherent, slice(None)) if self.coherent.any() else 0.0
+        return abs(offset) > LARGEST_OFFSET_S - 2.0 * OFFSET_STEP_S
 
     def table(self) -> Iterator[Calibration]:
         """Numbers of the axes that moved."""
@@ -221,9 +227,14 @@ def with_one_clock(
     # the equations have the low-pass of the vehicle file, less what a reader has taken out
     rate = log.channels.get(RATES[0])
     filter_s = low_pass_delay_s(cutoff_hz) - rate.delay_s if cutoff_hz and rate else 0.0
-    offset = next((item.offset_s(filter_s) for item in made if item.sensor == "gyroscope"), 0.0)
+    compared = next((item for item in made if item.sensor == "gyroscope"), None)
+    offset = compared.offset_s(filter_s) if compared else 0.0
     if not offset:
-        return log, ()
+        sentence = (
+            f"At no offset of clocks within {LARGEST_OFFSET_S:g} s does the attitude turn as the gyroscope "
+            "says: check its four parts, their signs, and the stamps of both."
+        )
+        return log, (sentence,) if compared and compared.searched_in_vain else ()
     names = (*dynamics.ATTITUDE, *dynamics.VELOCITY, *dynamics.POSITION)
     channels = {
         name: replace(channel, time_s=channel.time_s + offset) if name in names else channel

@@ -142,7 +142,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     """Channels of a log by role."""
     log, stamp_findings = with_corrected_stamps(log)
     check_vehicle(log, options)
-    spans_s = (options.window or log.span_s,)
+    spans_s, on_own_clock = (options.window or log.span_s,), log
     log, off = with_one_clock(log, comparisons(log, spans_s), vehicle.gyro_cutoff_hz)
     log, wind = in_still_air(log, spans_s)
     remedy = "Log the rotor commands or speeds at 100 Hz or more"
@@ -162,7 +162,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     known = FOR_BODY_VELOCITY if moving else ATTITUDE if tilted else ()
     conditions = _without_flips(tuple(log.channel(name) for name in known))
     if tilted:
-        refuse_other_turns([log.channel(name) for name in ATTITUDE], tuple(rates.values()), log.name)
+        refuse_other_turns([on_own_clock.channel(name) for name in ATTITUDE], tuple(rates.values()), log.name)
     step_s = float(np.median(np.diff(rates["roll"].time_s)))
     return Selection(
         family,
