@@ -14,8 +14,7 @@ from eivor.errors import UsageError
 from eivor.inference.distributions import normal_quantile
 from eivor.logs.table.columnar import write_recording
 from eivor.motions.vertical.model import GRAVITY
-from eivor.simulation.known_logs import logs_of_flights
-from eivor.simulation.vertical import VerticalFlightSpec
+from eivor.simulation.vertical import VerticalFlightSpec, logs_of_flights
 from eivor.tools import Float, Int
 
 if TYPE_CHECKING:

@@ -34,7 +34,6 @@ from eivor.simulation.excitation import (
     WhiteDisturbance,
     WhiteExcitation,
 )
-from eivor.simulation.known_logs import log_of_rigid_body_flight, viscous_friction
 from eivor.simulation.rigid_body import (
     STILL,
     AxisExcitations,
@@ -43,10 +42,12 @@ from eivor.simulation.rigid_body import (
     Sensors,
     TorqueDisturbance,
     Wind,
+    log_of_rigid_body_flight,
     quaternions,
     rotor_course,
     runge_kutta,
     simulate_rigid_body_flights,
+    viscous_friction,
 )
 from eivor.simulation.vertical import BATCH, VerticalFlightSpec, simulate_vertical_flights
 from validation.effective_parameters import effective_parameters, truth_of

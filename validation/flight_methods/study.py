@@ -24,8 +24,7 @@ from eivor.inference.verdict import Status
 from eivor.models.separable import Bounds
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import TrajectoryKind
-from eivor.simulation.known_logs import logs_of_flights
-from eivor.simulation.vertical import VerticalFlightSpec
+from eivor.simulation.vertical import VerticalFlightSpec, logs_of_flights
 from validation.pages import markdown
 from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement
 from validation.suite_files import versions

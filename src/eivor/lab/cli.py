@@ -55,8 +55,9 @@ from eivor.logs.table.columnar import write_recording
 from eivor.report.figures import save_figure
 from eivor.report.json_document import document, json_text
 from eivor.report.saved_fit import fit_among, load_fits
-from eivor.simulation.known_logs import KnownLog, log_of_rigid_body_flight, logs_of_flights
-from eivor.simulation.rigid_body import RigidBodyFlightSpec, vehicle_text
+from eivor.simulation.environment import KnownLog
+from eivor.simulation.rigid_body import RigidBodyFlightSpec, log_of_rigid_body_flight, vehicle_text
+from eivor.simulation.vertical import logs_of_flights
 from eivor.strict_toml import read_toml
 from eivor.tools import printable
 

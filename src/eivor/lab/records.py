@@ -15,8 +15,8 @@ from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.recording import Channel, Recording
 from eivor.signals.signals import Signals
+from eivor.simulation.environment import KnownLog, known_log
 from eivor.simulation.excitation import Disturbance, Excitation, PaperInput
-from eivor.simulation.known_logs import KnownLog, known_log
 from eivor.tools import Float
 
 

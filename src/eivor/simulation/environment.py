@@ -1,10 +1,11 @@
-"""Environment of simulated flights: wind, trajectories, sensor noise and truth."""
+"""What simulated flights share: wind, trajectories, sensor noise, and logs with their truth."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib.metadata import version
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -238,6 +239,29 @@ class SimulatedFlight(Generic[Truth]):
     recording: Recording  # Noisy channels, frame z up
     truth: Truth  # What is free of noise, and nominal parameters
     flew: bool  # False when the vehicle was lost; recording and truth then end where it was
+
+
+#: Schema of the truth of a simulated log.
+SCHEMA = "eivor.simulate/1"
+
+
+@dataclass(frozen=True)
+class KnownLog:
+    """A log and its truth."""
+
+    recording: Recording
+    rate_hz: float
+    samples: int
+    truth: dict[str, object]
+
+
+def known_log(
+    recording: Recording, rate_hz: float, samples: int, seed: int, truth: Mapping[str, object]
+) -> KnownLog:
+    """Log with the document of its truth."""
+    of_log = {"rate_hz": rate_hz, "samples": samples, "seed": seed}
+    document = {"schema": SCHEMA, **truth, **of_log, "provenance": {"version": version("eivor")}}
+    return KnownLog(recording, rate_hz, samples, document)
 
 
 def gusts(

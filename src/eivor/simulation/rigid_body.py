@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatch
 from itertools import count, groupby
 from typing import Annotated, Any, TypeAlias
@@ -25,6 +25,8 @@ from eivor.motions.rigid_body.dynamics import (
     body_derivative,
     coefficients_of,
     effective_parameters,
+    into_body,
+    rotation,
     side_by_side,
     specific_force,
     speed_derivative,
@@ -47,8 +49,15 @@ from eivor.simulation.controller import (
     mixer_of,
     mixers_side_by_side,
 )
-from eivor.simulation.environment import SimulatedFlight, TrajectoryKind, altitude_reference
+from eivor.simulation.environment import (
+    KnownLog,
+    SimulatedFlight,
+    TrajectoryKind,
+    altitude_reference,
+    known_log,
+)
 from eivor.simulation.excitation import Disturbance, Excitation
+from eivor.strict_toml import package_tables
 from eivor.tools import Float, Int
 
 #: State of the body, and of its rotors.
@@ -622,3 +631,44 @@ def _flight(spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopReco
     away = np.abs(body[:, 2] - met.height[:, 0])
     flew = bool(away.max() < LOST_M and cosine.min() > LOST_COSINE)
     return SimulatedFlight(recording_of(spec, met, flight, truth.specific_force), truth, flew)
+
+
+def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
+    """Log of a flight of a whole vehicle."""
+    (flight,) = simulate_rigid_body_flights([spec])
+    if not flight.flew:
+        expected = "a flight that follows its height within 5 m and stays upright"
+        remedy = "Make gusts, steps or disturbances smaller, or the controller less quick."
+        raise ParameterError(expected, f"one that is lost with the seed {spec.seed}", remedy)
+    # Without its input map where that is the rotors' own default.
+    recording = replace(flight.recording, input_map="")
+    return known_log(recording, spec.rate_hz, spec.count, spec.seed, _rigid_body_truth(spec, flight))
+
+
+def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dict[str, object]:
+    """Everything true, as a JSON document; what the vertical motion's truth has by the same names."""
+    parameters = flight.truth.parameters
+    return {
+        "viscous_friction": viscous_friction(flight.truth),
+        "input_gain": spec.vehicle.rotors.count * parameters.thrust_gain,
+        "hover_input": spec.vehicle.hover_speed,
+        **asdict(parameters),
+        "control_effectiveness": list(flight.truth.control_effectiveness),
+        "hover_speed": spec.vehicle.hover_speed,
+        "units": package_tables("eivor.simulation", "truth.toml")["units"],
+        "trajectory": str(spec.trajectory),
+    }
+
+
+def viscous_friction(truth: RigidBodyTruth) -> float:
+    """Friction along z at the speeds of a flight: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2."""
+    parameters = truth.parameters
+    w, x, y, z = truth.record.body[:, 6:10].T
+    along_x, along_y, along_z = truth.air_velocity.T
+    _, _, climb = into_body(rotation(w, x, y, z), along_x, along_y, along_z)
+    squared = np.asarray(climb) ** 2
+    total = squared.sum()
+    if not total > 0.0:
+        return parameters.drag[2]
+    speed = np.linalg.norm(truth.air_velocity, axis=1)
+    return parameters.drag[2] + parameters.quadratic_drag[2] * float(speed @ squared / total)

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, TypeAlias, TypeVar
 
 import numpy as np
 
 from eivor import checks
-from eivor.errors import UsageError
+from eivor.errors import ParameterError, UsageError
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Recording
 from eivor.simulation.controller import DelayLine
 from eivor.simulation.environment import (
+    KnownLog,
     SensorNoise,
     SimulatedFlight,
     TrajectoryKind,
     altitude_reference,
     gusts,
+    known_log,
     sensor_errors,
     simulated_recording,
 )
@@ -323,3 +325,33 @@ def vertical_recording(
             "cos_tilt": environment.cos_tilt[:, number] if cos_tilt is None else cos_tilt,
         },
     )
+
+
+def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
+    """Logs of flights of one duration, in order; many are flown side by side."""
+    for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True):
+        if not flight.flew:
+            expected = "a flight that follows its reference within 5 m"
+            remedy = "Make the gusts weaker, or the trajectory less vigorous."
+            raise ParameterError(expected, f"one that is lost with the seed {spec.seed}", remedy)
+        # Without its input map, which is the rotors' own default.
+        recording = replace(flight.recording, input_map="")
+        yield known_log(recording, 1.0 / STEP_S, spec.count, spec.seed, _flight_truth(spec))
+
+
+def _flight_truth(spec: VerticalFlightSpec) -> dict[str, object]:
+    levels = ("acceleration", "velocity", "position", "attitude")
+    numbers = ("viscous_friction", "input_gain", "actuator_lag", "delay", "hover_input")
+    changes = ("gust_rms", "gain_after", "gain_changes_at", "gain_changes_over")
+    return {
+        **{name: getattr(spec, name) for name in numbers},
+        "units": {
+            "viscous_friction": "1/s",
+            "input_gain": "m/s^2 per squared share of full command",
+            "hover_input": "share of full command",
+            **dict.fromkeys(("actuator_lag", "delay", "gain_changes_at", "gain_changes_over"), "s"),
+        },
+        "noise": {"kind": str(spec.noise.kind)} | {name: getattr(spec.noise, name) for name in levels},
+        **{name: getattr(spec, name) for name in changes},
+        "trajectory": str(spec.trajectory),
+    }
