@@ -19,7 +19,7 @@ from eivor.logs import read_log
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body import dynamics
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
+from eivor.motions.rigid_body.physical_parameters import OF_THE_AIR, Combinations, physical_parameters
 from eivor.motions.rigid_body.vehicle import BodyDrag, KnownNumber, KnownVehicle, Rotors, Vehicle
 from eivor.motions.table import motion_by_name
 from eivor.report.flight import log_documents
@@ -279,6 +279,8 @@ def test_back_to_the_vehicles_own_numbers(vehicle, command, arm):
     for row in parameters.numbers.values():
         assert row.value is not None, row.sentence
         assert row.value == pytest.approx(truth[row.name], rel=1e-9, abs=1e-30)
+        if row.name in OF_THE_AIR and row.interval[0] <= 0.0 <= row.interval[1]:
+            assert row.verdict is Status.IDENTIFIED  # a bound
     assert parameters.contradictions == ()
 
 

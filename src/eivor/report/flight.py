@@ -28,14 +28,13 @@ from eivor.motions.vertical.model import curve_in_force, in_common
 from eivor.report import document as doc
 from eivor.report.document import Card, CardGroup, CardLine, Look
 from eivor.report.rows import (
-    BOUND,
     NO_NUMBER,
     QuantityRow,
     bounded_numbers,
-    holds_zero,
     plain_numbers,
     quantity_rows,
     symbol_of,
+    verdict_label,
 )
 from eivor.signals.channels import common_side
 from eivor.signals.recording import Recording
@@ -620,8 +619,7 @@ def _implied(implications: Implications) -> Iterator[doc.Part]:
     rows = []
     for number in implications.numbers:
         if number.value is not None and number.interval is not None:
-            label = BOUND if holds_zero(number.interval) else number.verdict.label
-            verdict = doc.Cell(label, status=number.verdict)
+            verdict = doc.Cell(verdict_label(number.verdict, number.interval), status=number.verdict)
             numbers = bounded_numbers(number.value, number.interval)
             unit = number.unit.replace("^2", "²")
             rows.append((number.words, number.symbol, *numbers, unit, verdict))

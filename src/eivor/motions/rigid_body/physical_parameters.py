@@ -505,7 +505,8 @@ def _number(parameter: PhysicalParameter, combinations: Combinations, known: Kno
             size = max(size, known.arm) if name.startswith("centre_of_mass") else size
             share = 0.5 * (high - low) / size if size else math.inf
             rough = Status.WEAK if share <= weak else Status.REFUSED
-            status, basis = Status.IDENTIFIED if share <= identified else rough, [parameter.remark]
+            bound = name in OF_THE_AIR and low <= 0.0 <= high  # as of the parameter that it follows from
+            status, basis = Status.IDENTIFIED if bound or share <= identified else rough, [parameter.remark]
             if formula.supplied:
                 basis.append(f"With {_listed(formula.supplied, ' and ')} as supplied.")
             if name in DRAGS and high < 0.0:
