@@ -41,7 +41,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 35_750}
+PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 35_752}
 
 
 def lint_imports(source):
