@@ -11,7 +11,8 @@ import numpy as np
 
 from eivor.errors import MissingNoiseError, UsageError, did_you_mean
 from eivor.flights.grid import Between, Grid, Mask, Series, line_between, on_grid
-from eivor.signals.channels import canonical_channel, family_members, unit_of
+from eivor.signals.channels import canonical_channel, family_members, roll_pitch_yaw, unit_of
+from eivor.signals.filters import lagged_between_stamps
 from eivor.signals.noise import LARGEST_STD
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
 from eivor.signals.signals import stretches
@@ -199,6 +200,8 @@ class ReferenceSource:
     measured: str = ""
     #: Reference whose slope it is, and what measures that: their difference in it answers the vehicle.
     slope_of: tuple[str, str] = ("", "")
+    #: Whether loops stand between it and the axis: it serves where nothing closer that is exogenous does.
+    distant: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +232,10 @@ def references(
 
 def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[Reference]:
     """References of one axis, those that others make needless no longer usable."""
-    pairs = zip(result, sources, strict=True)
+    pairs = list(zip(result, sources, strict=True))
+    if any(item.usable and item.exogenous and not source.distant for item, source in pairs):
+        closer = partial(replace, usable=False, remark="others act closer to the axis")
+        result = [closer(item) if item.usable and source.distant else item for item, source in pairs]
     serving, why = [item.name for item in result if item.exogenous], "contains feedback; others serve"
     alone = [reference.name for reference, source in pairs if reference.usable and source.open_loop]
     if alone:
@@ -287,16 +293,20 @@ def _without_resets(reference: Reference, measured: Channel | None, grid: Grid, 
     resets = [reset for reset in coincidences if used[reset].any()]
     if not resets:
         return reference
-    # it stands still in those parts, and goes on from there
-    changes = np.diff(values, prepend=values[:1])
-    for part in resets:
-        changes[part.start + 1 : part.stop] = 0.0
-    standing = values[0] + np.cumsum(changes)
+    standing = _standing(values, resets)
     if _spread_within_runs(standing, used) <= CONSTANT_SHARE * max(1.0, float(np.abs(values[used]).max())):
         return replace(reference, usable=False, remark=f"it is the measured {measured.name}")
     times = ", ".join(f"{grid.time_s[reset.start]:.1f}" for reset in resets)
     remark = f"{reference.remark}; set to the measured {measured.name} at {times} s, which is taken out"
     return replace(reference, remark=remark, values=standing, logged=values)
+
+
+def _standing(values: Series, resets: list[slice]) -> Series:
+    """Values that stand still where they are reset, and go on from there."""
+    changes = np.diff(values, prepend=values[:1])
+    for part in resets:
+        changes[part.start + 1 : part.stop] = 0.0
+    return np.asarray(values[0] + np.cumsum(changes))
 
 
 def measured_resets(reference: Series, measured: Series, step_s: float) -> list[slice]:
@@ -325,6 +335,66 @@ def _largest_around(values: np.ndarray, width: int) -> np.ndarray:
         largest, reach = np.maximum(largest[:-reach], largest[reach:]), 2 * reach
     rest = width - reach
     return np.maximum(largest[: largest.size - rest], largest[rest:])
+
+
+# -- Setpoints across the ground --
+
+#: Time constant of the slope of a position setpoint, which holds between its stamps [s].
+SLOPE_S = 0.25
+
+
+def with_headed_references(log: Recording) -> Recording:
+    """The log with its setpoints across the ground turned forward and left by the measured heading.
+
+    Of a position its slope: where the ground has its origin says nothing of the vehicle.
+    """
+    attitude = [item for part in "wxyz" if (item := log.channels.get(f"attitude_{part}")) is not None]
+    if len(attitude) < 4 or len({item.time_s.tobytes() for item in attitude}) > 1:
+        return log
+    headings = roll_pitch_yaw(np.stack([item.values for item in attitude]))[2]
+    known, made = np.isfinite(headings), dict(log.channels)
+    for kind in ("position", "velocity", "acceleration") if known.any() else ():
+        x, y = (log.channels.get(f"reference_{kind}_{axis}") for axis in "xy")
+        if x is None or y is None:
+            continue
+        time_s, *index = np.intersect1d(x.time_s, y.time_s, return_indices=True)
+        across = np.stack([x.values[index[0]], y.values[index[1]]])
+        used = np.isfinite(across).all(axis=0)
+        if used.sum() < FEWEST_VALUES:
+            continue
+        heading = np.interp(time_s[used], attitude[0].time_s[known], headings[known])
+        along_x, along_y = (
+            _along(log, kind, axis, time_s[used], row[used]) for axis, row in zip("xy", across, strict=True)
+        )
+        turned = np.exp(-1j * heading) * (along_x + 1j * along_y)
+        for word, values in (("forward", turned.real), ("left", turned.imag)):
+            whole = np.full(time_s.size, np.nan)
+            whole[used] = values
+            name = f"reference_{kind}_{word}"
+            made[name] = replace(x, name=name, time_s=time_s, values=whole)
+    return replace(log, channels=made)
+
+
+def _along(log: Recording, kind: str, axis: str, time_s: Series, values: Series) -> Series:
+    """A setpoint along an axis without what answers the vehicle; of a position the slope."""
+
+    def at_stamps(name: str) -> Series | None:
+        if (channel := log.channels.get(name)) is None:
+            return None
+        known = np.isfinite(channel.values)
+        return np.interp(time_s, channel.time_s[known], channel.values[known]) if known.any() else None
+
+    measured = at_stamps(f"{kind}_{axis}")
+    if kind == "velocity":
+        wanted, position = at_stamps(f"reference_position_{axis}"), at_stamps(f"position_{axis}")
+        if wanted is not None and position is not None:
+            every = np.ones(values.size, dtype=np.bool_)
+            values = values * (not holds_feedback(values, wanted, position, every))
+    elif measured is not None:
+        values = _standing(values, measured_resets(values, measured, float(np.median(np.diff(time_s)))))
+    if kind == "position":
+        values = (values - lagged_between_stamps(values, time_s, SLOPE_S)) / SLOPE_S
+    return values
 
 
 def jumps(channel: Channel, grid: Grid, used: Mask) -> bool:

@@ -63,7 +63,7 @@ CLIMBS = ("CRt", "CRate")
 #: Old firmware logs throttles in thousandths, as floating-point numbers too: no share is above this.
 THOUSANDTH, LARGEST_SHARE = 0.001, 5.0
 #: Messages that the position controller writes while it is in force.
-CONTROLLERS = ("PSCD", "PSCZ")
+CONTROLLERS = ("PSCN", "PSCE", "PSC", "PSCD", "PSCZ")
 
 
 @dataclass(frozen=True, slots=True)

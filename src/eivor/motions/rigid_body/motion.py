@@ -17,6 +17,7 @@ from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS, joint_quantities, l
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.quantity import Implications, Quantity, QuantityEstimate, Trace
+from eivor.flights.references import with_headed_references
 from eivor.flights.timestamps import with_corrected_stamps
 from eivor.inference.distributions import normal_quantile
 from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, AxisColumns, LaggedRuns
@@ -177,7 +178,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
             *(Finding("wind", text) for text in wind),
             *_findings(forces, moving),
         ),
-        log=log,
+        log=with_headed_references(log),
         issued_within_s=step_s,
         rate_parameter=RATE_PARAMETER,
         step_s=float(np.clip(step_s, SHORTEST_STEP_S, LONGEST_STEP_S)),
