@@ -165,6 +165,19 @@ def test_moments_are_compensated_alike():
     assert (compensated < 0.5 * first_stage_of_products(*moments)).all()
 
 
+def test_noise_where_the_instruments_have_power_is_no_strength():
+    """Of spectra both gather in some bins: by chance they agree there as by many more instruments."""
+    rng, envelope = np.random.default_rng(11), np.exp(-(((np.arange(2000) - 300.0) / 30.0) ** 2))[:, None]
+    both = []
+    for _ in range(50):
+        basis = orthonormal_basis(envelope * rng.standard_normal((2000, 4)))
+        column = (envelope + 0.01) * rng.standard_normal((2000, 1))
+        both.append([conditional_first_stage(basis, column, effective=item)[0] for item in (False, True)])
+    plain, effective = np.mean(both, axis=0)
+    assert plain > 10.0
+    assert 0.7 < effective < 1.3
+
+
 def test_column_that_is_its_own_instrument_is_not_weak():
     Z, _ = drawn(8)
     result = strength_of(Z, Z[:, :2].copy())

@@ -47,6 +47,7 @@ from eivor.linalg.system import (
 )
 from eivor.linalg.total_least_squares import row_lengths
 from eivor.models.regression import LinearProblem, Parameter, Regression, RowBlock, SampleRows
+from eivor.models.spectral import BinRows
 from eivor.tools import Float, html_table
 
 if TYPE_CHECKING:
@@ -232,7 +233,8 @@ class Estimate:
         for part, whole in indices:
             share = self.values[part] / (self.values[part] + self.values[whole])
             to_sums[[whole, whole, part], [whole, part, whole]] = 1.0 - share, -1.0, share
-        strengths = conditional_first_stage(basis, np.vstack([self.jacobian, known]) @ to_sums, len(known))
+        jacobian, spectra = np.vstack([self.jacobian, known]) @ to_sums, isinstance(self.rows.layout, BinRows)
+        strengths = conditional_first_stage(basis, jacobian, len(known), effective=spectra)
         for part, whole in indices:
             strengths[part] = strengths[whole]
         return strengths * self._independent
@@ -266,6 +268,11 @@ class Estimate:
     def rank(self) -> int:
         """Number of independent instruments; 0 without."""
         return self._basis.shape[1] if self.assembler.needs_instruments else 0
+
+    @property
+    def instrument_power(self) -> Float[np.ndarray, " rows"]:
+        """Length of each row of the orthonormal instruments."""
+        return np.asarray(np.linalg.norm(self._basis, axis=1))
 
     @cached_property
     def _basis(self) -> Float[np.ndarray, "rows q"]:

@@ -138,17 +138,28 @@ def partial_directions(columns: Float[np.ndarray, "q n"]) -> Float[np.ndarray, "
 
 
 def conditional_first_stage(
-    basis: Float[np.ndarray, "rows p"], jacobian: Float[np.ndarray, "rows n"], exact: int = 0
+    basis: Float[np.ndarray, "rows p"],
+    jacobian: Float[np.ndarray, "rows n"],
+    exact: int = 0,
+    *,
+    effective: bool = False,
 ) -> Float[np.ndarray, " n"]:
-    """F statistic of each column of G given the others (Sanderson and Windmeijer 2016, for whitened rows)."""
+    """F statistic of each column of G given the others (Sanderson and Windmeijer 2016, for whitened rows).
+
+    The effective F weights what rows leave by the power of instruments there (Montiel Olea and Pflueger 2013).
+    """
     rows, rank = basis.shape
     count, noisy = jacobian.shape[1], rank - exact
     if rank < count or rows <= rank:
         return np.zeros(count)
     projected = basis.T @ jacobian
     left = jacobian @ partial_directions(projected).T
-    explained = ((basis.T @ left) ** 2).sum(axis=0)
+    seen = basis.T @ left
+    explained = (seen**2).sum(axis=0)
     unexplained = (left**2).sum(axis=0) - explained
+    if effective:
+        power = (basis**2).sum(axis=1)
+        unexplained = power @ (left - basis @ seen) ** 2 * (rows - rank) / noisy
     others = (np.linalg.qr(np.delete(projected, j, axis=1))[0] for j in range(count))
     degrees = noisy - np.array([(taken[:noisy] ** 2).sum() for taken in others])
     tested = (unexplained > 0.0) & (degrees > 0.0)

@@ -506,7 +506,7 @@ def half_widths_by_wind(
 # -- Weak instruments and lags that disagree --
 
 #: Of two-stage least squares the bias is the share 1 / F of that of least squares (Staiger and Stock 1997):
-#: half of it by this F. What is less sure than that is said by sets which hold for weak instruments.
+#: half of it by this F. Below it instruments that say nothing reach such an F by chance.
 HALF_F = 2.0
 
 
@@ -519,11 +519,15 @@ def possible_shifts(estimate: Estimate, lags: Contradiction | None) -> dict[str,
         shifts = np.outer(sizes[near], errors / errors[estimate.names.index(lag)])
     elif estimate.assembler.needs_instruments and OUTPUT_ERROR not in estimate.method:
         known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
-        rows = np.vstack([estimate.jacobian, known])
-        residual, lengths = np.pad(estimate.residuals, (0, len(known))), np.linalg.norm(rows, axis=0)
+        # least squares of the rows as far as instruments have power there
+        power = np.append(estimate.instrument_power, np.ones(len(known)))
+        rows = np.vstack([estimate.jacobian, known]) * power[:, None]
+        residual, lengths = np.pad(estimate.residuals, (0, len(known))) * power, np.linalg.norm(rows, axis=0)
         lengths[lengths == 0.0] = 1.0
         changes = np.linalg.lstsq(rows / lengths, residual)[0] / lengths
-        shifts = -(changes / (np.maximum(estimate.first_stage, HALF_F) - 1.0))[None]
+        F = estimate.first_stage
+        ends = np.where(F < HALF_F, np.inf, -changes / (np.maximum(F, HALF_F) - 1.0))
+        shifts = np.stack([ends, np.where(F < HALF_F, -np.inf, ends)])
     else:
         return {}
     results = dict(zip(estimate.names, shifts.T, strict=True))
