@@ -30,7 +30,7 @@ from eivor.flights.grid import (
 )
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import triangle_mean
-from eivor.flights.references import measured_resets
+from eivor.flights.references import SLOPE_S, measured_resets, with_headed_references
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import vertical_flight
@@ -522,6 +522,32 @@ def test_a_reference_that_is_set_to_the_measured_height_stands_still_there():
     for clean in (wanted, steps, kinks):
         flight = prepare_vertical(changed(still_log, reference_position_z=clean), FlightOptions())
         assert all(reference.logged is None for reference in flight.references)
+
+
+def test_setpoints_across_the_ground_are_turned_by_the_heading():
+    """Of a position the slope; without what it is set to as measured, and where one part is not in force."""
+    time = 0.02 * np.arange(500)
+    wanted, position = np.where(time < 4.0, 0.0, 2.0), np.minimum(np.maximum(time - 4.2, 0.0), 1.4)
+    wanted[350:] = position[350:]
+    series = {"reference_position_x": wanted, "reference_position_y": 0.0 * time, "position_x": position}
+    series |= {
+        f"attitude_{part}": np.full(500, value) for part, value in zip("wxyz", (0.6, 0, 0, 0.8), strict=True)
+    }
+    series |= {
+        "reference_acceleration_x": np.where(time < 1.0, np.nan, 3.0),
+        "reference_acceleration_y": time,
+    }
+    channels = {name: as_channel(name, time, values) for name, values in series.items()}
+    log = with_headed_references(Recording("across", "simulated", channels))
+    # the heading is 2 atan2(.8, .6): what goes along x goes backward and to the right
+    cos, sin = 0.6**2 - 0.8**2, 2.0 * 0.6 * 0.8
+    along = {word: log.channels[f"reference_position_{word}"].values for word in ("forward", "left")}
+    slope = np.where(time < 4.0, 0.0, 2.0 * np.exp(-(time - 4.0) / SLOPE_S) / SLOPE_S)
+    np.testing.assert_allclose(along["forward"], cos * slope, atol=1e-9)  # the reset at 7 s is taken out
+    np.testing.assert_allclose(along["left"], -sin * slope, atol=1e-9)
+    forward = log.channels["reference_acceleration_forward"].values
+    assert np.isnan(forward[time < 1.0]).all()
+    np.testing.assert_allclose(forward[time >= 1.0], 3.0 * cos + time[time >= 1.0] * sin)
 
 
 def test_references_must_be_in_force_for_half_of_the_flight(still_log):

@@ -146,7 +146,7 @@ def conditional_first_stage(
 ) -> Float[np.ndarray, " n"]:
     """F statistic of each column of G given the others (Sanderson and Windmeijer 2016, for whitened rows).
 
-    The effective F weights what rows leave by the power of instruments there (Montiel Olea and Pflueger 2013).
+    The effective F weights what rows leave by the power of instruments there (Montiel Olea, Pflueger 2013).
     """
     rows, rank = basis.shape
     count, noisy = jacobian.shape[1], rank - exact
