@@ -441,8 +441,8 @@ def test_a_real_log_of_the_default_profile_is_too_wide(recordings):
     refusals = [item.sentence for item in flight.verdict.reasons if item.status is ev.Status.REFUSED]
     assert all("effectiveness is ±" in item and "it needs ±25%" in item for item in refusals)
     low, high = flight.quantities["pitch_effectiveness"].interval
-    assert 100.0 < low < high < 220.0
-    assert 0.03 < flight.quantities["effective_lag"].value < 0.06
+    assert 50.0 < low < high < 300.0  # by setpoints of velocity and acceleration across the ground
+    assert flight.quantities["effective_lag"].interval[1] < 0.06
 
 
 @pytest.mark.thorough

@@ -76,9 +76,10 @@ class Combinations:
         return cls(estimate.names, JointEstimate(estimate.values, estimate.joint_covariance))
 
     def reaching(self, quantities: Mapping[str, Any]) -> Combinations:
-        """The same with intervals at least as wide as those of a result."""
-        beyond = {}
-        for name in self.names:
+        """The same with intervals at least as wide as those of a result; without those that have no end."""
+        endless = {name for name, item in quantities.items() if not np.isfinite(item.interval).all()}
+        kept, beyond = self.only([name for name in self.names if name not in endless]), {}
+        for name in kept.names:
             if name in quantities:
                 (low, high), value, here = quantities[name].interval, quantities[name].value, self.value(name)
                 reach = (
@@ -86,7 +87,7 @@ class Combinations:
                     high - value - (here.interval[1] - here.value),
                 )
                 beyond[name] = (max(reach[0], 0.0), max(reach[1], 0.0))
-        return replace(self, beyond=beyond)
+        return replace(kept, beyond=beyond)
 
     def finite(self) -> Combinations:
         """Those that have a finite value with a finite variance, whatever is assumed."""

@@ -506,7 +506,7 @@ def half_widths_by_wind(
 # -- Weak instruments and lags that disagree --
 
 #: Of two-stage least squares the bias is the share 1 / F of that of least squares (Staiger and Stock 1997):
-#: half of it by this F. Below it instruments that say nothing reach such an F by chance.
+#: half of it by this F. Below it, which instruments reach that say nothing, the largest bias counts.
 HALF_F = 2.0
 
 
@@ -524,10 +524,12 @@ def possible_shifts(estimate: Estimate, lags: Contradiction | None) -> dict[str,
         rows = np.vstack([estimate.jacobian, known]) * power[:, None]
         residual, lengths = np.pad(estimate.residuals, (0, len(known))) * power, np.linalg.norm(rows, axis=0)
         lengths[lengths == 0.0] = 1.0
-        changes = np.linalg.lstsq(rows / lengths, residual)[0] / lengths
+        inverse = np.linalg.pinv(rows / lengths) / lengths[:, None]
+        # the bias of least squares is largest where all of the residual goes with what instruments leave
+        largest = np.linalg.norm(inverse, axis=1) * np.linalg.norm(residual)
         F = estimate.first_stage
-        ends = np.where(F < HALF_F, np.inf, -changes / (np.maximum(F, HALF_F) - 1.0))
-        shifts = np.stack([ends, np.where(F < HALF_F, -np.inf, ends)])
+        ends = np.where(F < HALF_F, largest, -(inverse @ residual) / (np.maximum(F, HALF_F) - 1.0))
+        shifts = np.stack([ends, np.where(F < HALF_F, -largest, ends)])
     else:
         return {}
     results = dict(zip(estimate.names, shifts.T, strict=True))
