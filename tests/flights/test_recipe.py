@@ -15,7 +15,7 @@ from scipy import stats
 import eivor as ev
 import shape_checks
 from coarse_search import coarse
-from eivor.errors import EstimationError, PoolingError, UsageError
+from eivor.errors import EstimationError, InputError, PoolingError, UsageError
 from eivor.models.spectral import SpectralRun
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
@@ -284,6 +284,17 @@ def test_flights_without_three_seconds_say_what_they_lack(of, window, told, log)
     sentences = " ".join(result.verdict.sentences)
     assert re.search(f"has no three seconds in the air in runs of a second or more: {told}", sentences)
     assert "no_usable_run" in [finding.name for finding in result.findings]
+
+
+@pytest.mark.parametrize(
+    ("number", "factor", "told"),
+    [(2, 1e3, "on one scale; received rotor_command_2 of"), (3, 1.0, "received none of rotor_command_2")],
+)
+def test_rotors_that_are_not_all_there_or_on_other_scales_are_refused(number, factor, told, log):
+    first = log.channels["rotor_command_1"]
+    other = replace(first, name=f"rotor_command_{number}", values=factor * first.values)
+    with pytest.raises(InputError, match=told):
+        ev.identify_flight(changed(log, **{other.name: other}))
 
 
 def test_single_values_that_a_command_lacks_are_bridged(log, fit):

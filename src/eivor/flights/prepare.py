@@ -13,7 +13,13 @@ from eivor.estimation.methods import by_name
 from eivor.flights.grid import Active, Grid, Mask, bridged, command_on_grid, common_grid, on_grid, upward
 from eivor.flights.motion import Motion
 from eivor.flights.options import FIT_MAP, FlightOptions
-from eivor.flights.prepared import PreparedFlight, Selection, mask_of, matched_interpolation_filter
+from eivor.flights.prepared import (
+    LARGEST_INPUT_RATIO,
+    PreparedFlight,
+    Selection,
+    mask_of,
+    matched_interpolation_filter,
+)
 from eivor.flights.references import jumps, named_reference, noise_findings, noise_levels, references
 from eivor.flights.timestamps import Clock, as_issued, check_rate, command_clock, known_clock
 from eivor.signals.channels import common_side, family_members
@@ -228,9 +234,6 @@ def overview(
     time_s, moving = grid.time_s, stretches(active.mask)
     return active.rule, tuple((float(time_s[run.start]), float(time_s[run.stop - 1])) for run in moving)
 
-
-#: Hovering inputs of one vehicle, laden or not, are within this ratio of each other.
-LARGEST_INPUT_RATIO = 10.0
 
 Window = tuple[float, float] | None
 

@@ -152,6 +152,10 @@ def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> tuple[SensorAg
 # -- Selection --
 
 
+#: Hovering inputs of one vehicle, laden or not, and those of its rotors are within this ratio of each other.
+LARGEST_INPUT_RATIO = 10.0
+
+
 @dataclass(frozen=True, slots=True)
 class InputFamily:
     """Channels that may drive a vehicle, one for each actuator or one for all."""
@@ -261,9 +265,9 @@ def chosen_input(
     logged = [(family, tuple(channels)) for family in families if (channels := log.family(family.name))]
     for family, members in logged:
         if min(channel.rate_hz for channel in members) >= family.least_rate_hz:
-            return family, members
+            return family, _checked(log, family, members)
     if logged:
-        return logged[0]
+        return logged[0][0], _checked(log, *logged[0])
     sources = sorted({source for family in families for source in log.looked_for.get(family.name, ())})
     looked = f" (looked for: {', '.join(sources)})" if sources else ""
     names = [f"{family.name}_1.." if family.numbered else family.name for family in families]
@@ -272,6 +276,26 @@ def chosen_input(
         f"a log without one{looked}",
         f"{remedy}, or name a channel with --input.",
     )
+
+
+def _checked(log: Recording, family: InputFamily, members: tuple[Channel, ...]) -> tuple[Channel, ...]:
+    """Refuse rotors that are not all there, or whose commands are not on one scale."""
+    if not (family.numbered and family.input_map == "square"):
+        return members
+    numbers = {int(item.name.rpartition("_")[2]) for item in members}
+    remedy = "Correct the units in its channel map (--map), or name one input: --input NAME."
+    if missing := [f"{family.name}_{number}" for number in range(1, max(numbers)) if number not in numbers]:
+        expected = f"values of each {family.name}, 1 to {max(numbers)}, in {log.name}"
+        raise InputError(expected, f"none of {', '.join(missing)}", f"Log it. {remedy}")
+    known = ((np.abs(item.values[np.isfinite(item.values)]), item.name) for item in members)
+    sizes = sorted((float(np.quantile(values, 0.95)), name) for values, name in known if values.any())
+    if not sizes:
+        return members
+    (least, first), (most, last) = sizes[0], sizes[-1]
+    if most > LARGEST_INPUT_RATIO * least > 0.0:
+        expected = f"each {family.name} of {log.name} on one scale"
+        raise InputError(expected, f"{last} of {most:.4g} and {first} of {least:.4g}", remedy)
+    return members
 
 
 def matched_interpolation_filter(

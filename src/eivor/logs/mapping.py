@@ -267,7 +267,7 @@ def mapped_channels(
             channels[rule.name] = channel
         else:
             text = f"{rule.name} ({rule.expression.text})"
-            findings += common.noted("never_valid", "Without one value: {}.", text)
+            findings += common.noted("never_valid", "Without one valid value: {}.", text)
     selected = {name: common.on_channel_clock(channel) for name, channel in channels.items()}
     several = [
         f"{name} {item.rate_hz:.3g} Hz" for name, item in selected.items() if item is not channels[name]

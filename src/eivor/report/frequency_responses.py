@@ -182,18 +182,41 @@ def response_of_axis(
         why = f"{' of the direct estimate' * response.is_direct} (p = {models.chosen.p_value:.1g})"
         findings.append(f"No order up to 4 explains the response{why}: its intervals are too narrow.")
     elif models is not None and loops and path.turns and models.chosen.p_value >= UNLIKELY:
-        clear = response.is_shown.any() and not response.is_provisional
-        controllers = proposed_controllers(models) if clear and models.chosen.parameters["gain"] > 0.0 else ()
+        controllers, refused = _proposals(response, models)
+        findings += refused
     asked_for = (f"feedback_reference_{output}", f"reference_{output}")
     setpoint = next((name for name in asked_for if name in first.recording.channels), "")
     is_attitude = bool(reference) and reference != setpoint and not reference.startswith("injected")
     everywhere = setpoint and all(setpoint in flight.recording.channels for flight in flights)
     if loops and is_attitude and everywhere:
         off = [commanded - got for commanded, got in zip(runs(setpoint), y, strict=True)]
-        loop = frequency_response(off, y, reference=r, **given)
+        measured = frequency_response(off, y, reference=r, **given)
+        loop = None if response.is_provisional or measured.is_provisional else measured
     names = ", ".join(flight.recording.name for flight in flights)
     return LogResponse(
         names, axis, source, output, reference, response, models, controllers, loop, tuple(findings)
+    )
+
+
+def _proposals(
+    response: FrequencyResponse, models: TransferFunctions
+) -> tuple[tuple[Controller, ...], tuple[str, ...]]:
+    """Controllers whose loops cross over where the response is shown, or why there is none."""
+    if not response.is_shown.any() or response.is_provisional or models.chosen.parameters["gain"] <= 0.0:
+        return (), ()
+    least, most = response.frequency_hz[response.is_shown][[0, -1]].tolist()
+    made = [(item, *item.intervals["crossover_hz"]) for item in proposed_controllers(models)]
+    kept = tuple(
+        item
+        for item, low, high in made
+        if least <= low and high <= most and math.isfinite(item.margins.gain_margin_db)
+    )
+    if kept or not made:
+        return kept, ()
+    _, low, high = made[0]
+    return (), (
+        f"No gains are proposed: their loop crosses over at {low:.2g} to {high:.2g} Hz, and the response is "
+        f"shown from {least:.2g} to {most:.2g} Hz. Fly a sweep over the band.",
     )
 
 

@@ -18,8 +18,8 @@ from eivor.flights.estimate import FlightState, estimated
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction, for_flights
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepare import LARGEST_INPUT_RATIO, check_options, prepare
-from eivor.flights.prepared import PreparedFlight
+from eivor.flights.prepare import check_options, prepare
+from eivor.flights.prepared import LARGEST_INPUT_RATIO, PreparedFlight
 from eivor.flights.quantity import Horizon, Kind, PredictedQuantity, Quantity, QuantityTable, SimpleModel
 from eivor.flights.result import FlightEstimate
 from eivor.inference.distributions import chi_square_tail, normal_quantile
