@@ -31,9 +31,9 @@ BOUNDS = {
     "files in circles of imports": 0,
     "imports of the package inside functions": 0,
     "imports of the package for type checking only": 0,
-    "files": 197,
-    "lines": 65_668,  # To be 64,000 again
-    "lines of code without docstrings and imports": 43_940,  # And 41,000
+    "files": 196,
+    "lines": 65_817,  # To be 64,000 again
+    "lines of code without docstrings and imports": 44_051,  # And 41,000
     "files of fewer than 60 lines": 2,
     "files of more than 900 lines": 0,
     "files in the largest folder": 19,
@@ -41,7 +41,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 35_752}
+PROJECT_BOUNDS = {"lines of `validation/`": 8_998, "lines of tests": 35_818}
 
 
 def lint_imports(source):
