@@ -279,10 +279,11 @@ class Diagnostics:
         """Strength of the instruments; None without instruments."""
         if not self.testable:
             return None
-        of_rows = not isinstance(self.estimate.moments, CrossMoments)
+        estimate = self.estimate
+        of_rows = not isinstance(estimate.moments, CrossMoments) or isinstance(estimate.rows.layout, BinRows)
         # else it comes from products, as the estimate's warning
         return instruments.strength(
-            self.record.products, conditional=self.estimate.first_stage if of_rows else None
+            self.record.products, conditional=estimate.first_stage if of_rows else None
         )
 
     @cached_property
