@@ -339,6 +339,9 @@ def _largest_around(values: np.ndarray, width: int) -> np.ndarray:
 
 # -- Setpoints across the ground --
 
+#: Kinds of setpoints, and channels of what goes along and across the heading, in that order.
+KINDS = ("position", "velocity", "acceleration")
+HEADED = {word: tuple(f"reference_{kind}_{word}" for kind in KINDS) for word in ("forward", "left")}
 #: Time constant of the slope of a position setpoint, which holds between its stamps [s].
 SLOPE_S = 0.25
 
@@ -353,7 +356,7 @@ def with_headed_references(log: Recording) -> Recording:
         return log
     headings = roll_pitch_yaw(np.stack([item.values for item in attitude]))[2]
     known, made = np.isfinite(headings), dict(log.channels)
-    for kind in ("position", "velocity", "acceleration") if known.any() else ():
+    for number, kind in enumerate(KINDS if known.any() else ()):
         x, y = (log.channels.get(f"reference_{kind}_{axis}") for axis in "xy")
         if x is None or y is None:
             continue
@@ -367,10 +370,9 @@ def with_headed_references(log: Recording) -> Recording:
             _along(log, kind, axis, time_s[used], row[used]) for axis, row in zip("xy", across, strict=True)
         )
         turned = np.exp(-1j * heading) * (along_x + 1j * along_y)
-        for word, values in (("forward", turned.real), ("left", turned.imag)):
-            whole = np.full(time_s.size, np.nan)
+        for names, values in zip(HEADED.values(), (turned.real, turned.imag), strict=True):
+            whole, name = np.full(time_s.size, np.nan), names[number]
             whole[used] = values
-            name = f"reference_{kind}_{word}"
             made[name] = replace(x, name=name, time_s=time_s, values=whole)
     return replace(log, channels=made)
 
@@ -384,16 +386,14 @@ def _along(log: Recording, kind: str, axis: str, time_s: Series, values: Series)
         known = np.isfinite(channel.values)
         return np.interp(time_s, channel.time_s[known], channel.values[known]) if known.any() else None
 
-    measured = at_stamps(f"{kind}_{axis}")
-    if kind == "velocity":
-        wanted, position = at_stamps(f"reference_position_{axis}"), at_stamps(f"position_{axis}")
-        if wanted is not None and position is not None:
-            every = np.ones(values.size, dtype=np.bool_)
-            values = values * (not holds_feedback(values, wanted, position, every))
-    elif measured is not None:
-        values = _standing(values, measured_resets(values, measured, float(np.median(np.diff(time_s)))))
+    measured = at_stamps(f"position_{axis}")
     if kind == "position":
-        values = (values - lagged_between_stamps(values, time_s, SLOPE_S)) / SLOPE_S
+        if measured is not None:
+            values = _standing(values, measured_resets(values, measured, float(np.median(np.diff(time_s)))))
+        return (values - lagged_between_stamps(values, time_s, SLOPE_S)) / SLOPE_S
+    wanted = at_stamps(f"reference_position_{axis}")
+    if kind == "velocity" and wanted is not None and measured is not None:
+        values = values * (not holds_feedback(values, wanted, measured, np.ones(values.size, dtype=np.bool_)))
     return values
 
 

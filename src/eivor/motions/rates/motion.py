@@ -18,7 +18,7 @@ from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.motion import Abilities, Flights, FlightView, Prediction, Solver, motion_tables
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input
-from eivor.flights.references import ReferenceSource, with_headed_references
+from eivor.flights.references import HEADED, ReferenceSource, with_headed_references
 from eivor.inference.verdict import Status
 from eivor.models.frequency_response import local_polynomials, spectra
 from eivor.models.lagged_runs import (
@@ -48,8 +48,8 @@ class Axis:
     references: tuple[ReferenceSource, ...]  # Channels that may be instruments
 
 
-#: Where the thrust goes as the vehicle turns about an axis.
-TILTED = {"roll": "left", "pitch": "forward"}
+#: Setpoints across the ground that tilt the vehicle about an axis.
+TILTED_BY = {"roll": HEADED["left"], "pitch": HEADED["forward"]}
 
 
 def _axis(number: int, name: str, letter: str) -> Axis:
@@ -62,11 +62,7 @@ def _axis(number: int, name: str, letter: str) -> Axis:
             ReferenceSource(f"injected_torque_{letter}", axis=name),
             ReferenceSource(f"reference_{name}", axis=name),
             ReferenceSource(f"reference_angular_rate_{letter}", axis=name),
-            *(
-                ReferenceSource(f"reference_{kind}_{TILTED[name]}", axis=name, distant=True)
-                for kind in ("position", "velocity", "acceleration")
-                if name in TILTED
-            ),
+            *(ReferenceSource(channel, axis=name, distant=True) for channel in TILTED_BY.get(name, ())),
             ReferenceSource(f"pilot_{name}", in_control="pilot_sets_attitude", axis=name),
             ReferenceSource(f"feedback_reference_{name}", axis=name),
         ),
