@@ -41,7 +41,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_998, "lines of tests": 35_818}
+PROJECT_BOUNDS = {"lines of `validation/`": 8_998, "lines of tests": 35_822}
 
 
 def lint_imports(source):
