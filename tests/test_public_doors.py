@@ -282,7 +282,6 @@ def doors(folder):
         "identify_log": {"recordings": m.recording, "progress": print},
         "identify_recursively": {"chunks": [m.signals], "recursion": ev.RecursiveIdentification(**model)},
         "load_fit": {"file": fit_file},
-        "log_signals": {"log": ev.example_flight(), "actuator_lag": 0.05},
         "lags": {"channel": "input", "first": 0, "last": 2},
         "moments": {"chunks": [m.signals], **model},
         "behind": {"of": "u", "actuator": "servo"},

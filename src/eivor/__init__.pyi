@@ -61,7 +61,6 @@ from eivor.motions.declaration import machine as machine
 from eivor.motions.declaration import reference as reference
 from eivor.motions.identify import identify_flight as identify_flight
 from eivor.motions.identify import identify_log as identify_log
-from eivor.motions.identify import log_signals as log_signals
 from eivor.motions.table import motion_by_name as motion_by_name
 from eivor.motions.vertical.model import VerticalMotion as VerticalMotion
 from eivor.planning.plan import FlightPlan as FlightPlan

@@ -113,7 +113,6 @@ LOGS = calls("log", None,
     (attitude_on_two_clocks, ShapeError, "the four parts of an attitude on one clock; received 3 stamps"),
     (of_measured_speed, UsageError, "whose actuators' lag is searched for"),
     (lambda: ev.identify_flight([]), UsageError, "Expected at least one recording"),
-    (lambda: ev.log_signals(still(), actuator_lag=-1.0), UsageError, "actuator_lag"),
 )  # fmt: skip
 A_PRIOR = r"ev\.Prior\(0\.070, 0\.015\) or ev\.Bounds"
 CALLS = rows("call", UsageError, lambda options: ev.identify_flight([still()], **options),

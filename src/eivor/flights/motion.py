@@ -37,7 +37,6 @@ from eivor.flights.verdict import FlightWords, MotionChecks, Rule, SystematicPar
 from eivor.models.separable import InstrumentRule, SeparableProblem, Values
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Finding, Recording
-from eivor.signals.signals import Signals
 from eivor.strict_toml import package_tables
 from eivor.tools import Float, Int
 
@@ -318,10 +317,6 @@ class Abilities:
     #: What follows from a vehicle's description
     implications: Callable[[Estimate, Mapping[str, Quantity]], Implications] = lambda _fit, _quantities: (
         Implications()
-    )
-    #: With the input at lag and delay
-    signals: Callable[[PreparedFlight, float, float], Signals] = lambda flight, _lag_s, _delay_s: (
-        flight.signals
     )
     #: Quantities that flights determine without an estimate, and what their rules and systematic parts read
     known: Callable[[Flights], tuple[Mapping[str, QuantityEstimate], MotionChecks]] | None = None

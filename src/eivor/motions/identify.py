@@ -1,4 +1,4 @@
-"""Identification of a flight by the name of a motion, and the signals of a log."""
+"""Identification of a flight by the name of a motion."""
 
 from __future__ import annotations
 
@@ -16,13 +16,11 @@ from eivor.flights.estimate import FlightState
 from eivor.flights.identify import identified, with_coupled_axes
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions, check_window
-from eivor.flights.prepare import prepare
 from eivor.flights.references import Declared
 from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.models.separable import Bounds, Prior
 from eivor.motions.table import DEFAULT, USUAL_MOTIONS, motion_by_name
 from eivor.signals.recording import Recording
-from eivor.signals.signals import Signals
 from eivor.tools import Progress, no_stage_callback
 
 READ_FIRST = 'Read the file first: ev.identify_flight(ev.read_log("flight.ulg")).'
@@ -228,49 +226,3 @@ def _chosen(options: FlightOptions | None, choices: OptionChoices) -> FlightOpti
     if twice:
         raise UsageError("each choice once", f"{twice} in options= and by name", "Leave out one of them.")
     return replace(start, **choices)
-
-
-def log_signals(
-    log: Recording,
-    *,
-    actuator_lag: float = 0.0,
-    delay: float = 0.0,
-    model: str = DEFAULT,
-    **choices: Unpack[OptionChoices],
-) -> Signals:
-    """The log on one grid, z up, as its flight is identified from, for work in Python.
-
-    Parameters
-    ----------
-    log : Recording
-        What `eivor.read_log` returns.
-    actuator_lag, delay : float
-        Of the actuators [s], put into the channel `input`: the mean of the mapped commands times the
-        cosine of tilt. A measured state of the actuators has no lag.
-    model : str
-        Motion whose channels are wanted.
-    **choices
-        Fields of `FlightOptions`: ``window=``, ``max_tilt_deg=``, ``input=``, ``input_map=``,
-        ``noise={"velocity_z": 0.02}``.
-
-    Returns
-    -------
-    Signals
-        Samples that the flight cannot use are not valid. Noises are those that are declared, and of other
-        channels those that their fastest part shows; commands are exact.
-
-    Raises
-    ------
-    InputError
-        When a channel that the motion needs is absent.
-    UsageError
-        For choices that do not fit.
-    """
-    checks.kind("log", log, Recording, "a recording", READ_FIRST)
-    for name, value in {"actuator_lag": actuator_lag, "delay": delay}.items():
-        checks.number(name, value)
-        if not 0.0 <= value <= 1.0:
-            raise UsageError(f"a {name} between 0 and 1 s", f"{value:g}", "Give it in seconds.")
-    motion = motion_by_name(model)
-    flight = prepare(log, motion, FlightOptions(**choices))
-    return replace(motion.abilities.signals(flight, actuator_lag, delay), valid=flight.used)

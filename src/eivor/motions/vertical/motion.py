@@ -57,14 +57,11 @@ from eivor.motions.vertical.regression import (
     check_flights,
     check_terms,
     hover_of_sums,
-    input_variance,
     mean_voltage,
     vertical_problem,
     with_surroundings,
 )
-from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Finding, Recording
-from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import Mixed, input_map
 
 #: Friction of a multirotor of which nothing is known [1/s].
@@ -207,17 +204,6 @@ def flight_findings(flights: Flights, quantities: Mapping[str, Quantity]) -> tup
     return (*listed, *supply_findings(flights), *thrust_curve.curve_findings(flights, quantities))
 
 
-def driven_signals(flight: PreparedFlight, lag_s: float, delay_s: float) -> Signals:
-    """Signals with `input`: the mean of the mapped actuators, late, times the cosine of tilt."""
-    cut, motion = vertical_flight(flight), VerticalMotion(input_map(flight.input_map))
-    noise = WhiteNoise(input_variance(cut, motion.input_map) ** 0.5)
-    return replace(
-        flight.signals,
-        channels={**flight.signals.channels, "input": cut.mapped_input(motion, lag_s, delay_s)},
-        noise={**flight.signals.noise, "input": noise},
-    )
-
-
 def resampled(
     problem: VerticalFlights, parameters: Values, nuisances: Values, sums: Values
 ) -> dict[str, float]:
@@ -255,7 +241,6 @@ ABILITIES = Abilities(
     prediction=Prediction(simple_models, predictions),
     tracking=tracked_gain,
     closed_loop_record=closed_loop_record,
-    signals=driven_signals,
     known=known_without_estimate,
     excitation=excitation,
     findings=flight_findings,
