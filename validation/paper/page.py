@@ -42,7 +42,6 @@ from eivor.lab.paper import (
     TRUTH,
     Example,
     PaperResult,
-    Ratio,
     named_readings,
     nearness,
     nrmse,
@@ -134,7 +133,7 @@ class Erratum(NamedTuple):
 
 def errata(runs: int = RUNS) -> tuple[Erratum, ...]:
     """Every place with its check, computed anew."""
-    reading = replace(named_readings(("ratios-of-variances",))[0], ratio=Ratio.VARIANCE)
+    reading = replace(named_readings(("ratios-of-variances",))[0], ratio="variance")
     records = [record(reading, STRONG, stream(SEED, index)) for index in range(runs)]
     return (
         Erratum(

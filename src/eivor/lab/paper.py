@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from enum import Enum
 from functools import lru_cache, partial
-from typing import get_type_hints
+from typing import Any, Literal
 
+import msgspec
 import numpy as np
 from threadpoolctl import threadpool_limits
 
@@ -91,53 +91,22 @@ EXAMPLES = (
 )
 
 
-class Ratio(Enum):
-    """What the noise-to-signal ratios are ratios of."""
-
-    STD = "standard deviations"
-    VARIANCE = "variances"
-
-
-class RatioOf(Enum):
-    """Which noise a ratio is taken of."""
-
-    WHITE = "the white sequence before Delta^alpha"
-    FRACTIONAL = "the noise after Delta^alpha, its mean variance over the record"
-
-
-class Weights(Enum):
-    """Weights of Delta^alpha."""
-
-    SIGNED = "(-1)^j binom(alpha, j)"
-    PRINTED = "binom(alpha, j)"
-
-
-class MotionSource(Enum):
-    """Where z' and z'' at the samples come from; z is the height, integrated exactly."""
-
-    SOLUTION = "the solution of the equation of motion"
-    VELOCITY_CENTRAL = "z'' by central differences of z'"
-    VELOCITY_FORWARD = "z'' by forward differences of z'"
-    HEIGHT_CENTRAL = "z' by central, z'' by central second differences of z"
-    HEIGHT_BACKWARD = "z' by backward differences of z, z'' by backward differences of that"
-    NOISY_VELOCITY = "z'' by central differences of z' as measured, with its noise"
-    EULER_STEPS = "Euler's steps, each z'' beside the z' that it leads to"
-
-
-class Input(Enum):
-    """Which input drives the vehicle."""
-
-    PAPER = "(35) with t in seconds"
-    SAMPLES = "(35) with t counted in samples"
-    WHITE = "white, with the variance of (35)"
-
-
-class Compensation(Enum):
-    """What is subtracted from the products of instruments and regressors in (29)."""
-
-    SHARED = "N sigma_u^2 in the row of lag 0"
-    PRINTED_ROW = "N sigma_u^2 in row 2, as H is printed"
-    WITHOUT_COUNT = "sigma_u^2 without N, as (29) is printed"
+#: Where z' and z'' at the samples come from; z is the height, integrated exactly.
+MotionSource = Literal[
+    "solution",  # The solution of the equation of motion
+    "velocity_central",  # z'' by central differences of z'
+    "velocity_forward",  # z'' by forward differences of z'
+    "height_central",  # z' by central, z'' by central second differences of z
+    "height_backward",  # z' by backward differences of z, z'' by backward differences of that
+    "noisy_velocity",  # z'' by central differences of z' as measured, with its noise
+    "euler_steps",  # Euler's steps, each z'' beside the z' that it leads to
+]
+#: What is subtracted from the products of instruments and regressors in (29).
+Compensation = Literal[
+    "shared",  # N sigma_u^2 in the row of lag 0
+    "printed_row",  # N sigma_u^2 in row 2, as H is printed
+    "without_count",  # sigma_u^2 without N, as (29) is printed
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,18 +117,20 @@ class PaperReading:
     sentence: str  # What it says
     allowed: bool = True  # Whether the text allows it; False for what is measured to understand the others
     input_variance: float = 0.02  # Variance of the white sequence in (35)
-    input: Input = Input.PAPER  # Which input
-    ratio: Ratio = Ratio.STD  # What the ratios mean
-    ratio_of: RatioOf = RatioOf.WHITE
+    input: Literal["paper", "samples", "white"] = "paper"  # (35), with t in samples, white of its variance
+    ratio: Literal["std", "variance"] = "std"  # What the noise-to-signal ratios are ratios of
+    # Which noise: the white sequence before Delta^alpha, or its mean variance over the record after it
+    ratio_of: Literal["white", "fractional"] = "white"
     larger_on: str = "velocity_z"  # Source that has the ratio 1e-2, one of `SOURCES`
-    weights: Weights = Weights.SIGNED  # Of Delta^alpha
-    motion: MotionSource = MotionSource.SOLUTION  # Where z' and z'' come from
+    # Of Delta^alpha: (-1)^j binom(alpha, j), or binom(alpha, j) as printed
+    weights: Literal["signed", "printed"] = "signed"
+    motion: MotionSource = "solution"
     intersample: Intersample = Intersample.HOLD  # What the input does between samples
     route: DisturbanceRoute = DisturbanceRoute.EQUATION  # Where the disturbance enters
     # Scale the disturbance to its ratio; False leaves e ~ N(0, 1) and sinusoids of amplitude 1
     disturbance_scaled: bool = True
     lags: int = 10  # n: extended IV has the input at lags 1 to n, generalized IV at 0 to n
-    compensation: Compensation = Compensation.SHARED  # Of generalized IV
+    compensation: Compensation = "shared"  # Of generalized IV
     as_many: bool = False  # Generalized IV has the lags 0 to n - 1, as many instruments as extended IV
 
     @property
@@ -170,19 +141,11 @@ class PaperReading:
         return replace(self, **{name: getattr(same, name) for name in others})
 
 
-#: Choices that are words, and what they are members of.
-_CHOICES: Mapping[str, type[Enum]] = {
-    name: kind for name, kind in get_type_hints(PaperReading).items() if issubclass(kind, Enum)
-}
-
-
 def _readings() -> tuple[PaperReading, ...]:
-    known: dict[str, PaperReading] = {}
+    rows: dict[str, dict[str, Any]] = {}
     for name, row in package_tables("eivor.lab", "paper_readings.toml").items():
-        same = known.get(row.pop("as", ""), PaperReading("", ""))
-        words = {key: _CHOICES[key][row[key].upper()] for key in _CHOICES.keys() & row.keys()}
-        known[name] = replace(same, name=name, **row | words)
-    return tuple(known.values())
+        rows[name] = rows.get(row.pop("as", ""), {}) | row | {"name": name}
+    return tuple(msgspec.convert(list(rows.values()), list[PaperReading]))
 
 
 READINGS = _readings()
@@ -237,10 +200,10 @@ class SampleClockInput(Excitation):
 
 def scenario(reading: PaperReading, example: Example) -> Scenario:
     """What a reading of an example simulates; longer by the edges when differences are taken."""
-    exact = reading.motion is MotionSource.SOLUTION
+    exact = reading.motion == "solution"
     ratios = {name: _ratio(reading, example, name) for name in SOURCES}
     share = ratios.pop(DISTURBANCE)
-    shape = FractionalNoise if reading.weights is Weights.SIGNED else AlternatingNoise
+    shape = FractionalNoise if reading.weights == "signed" else AlternatingNoise
     noise: dict[str, MeasurementNoise] = {name: shape(1.0, order) for name, order in ORDERS.items()}
     return Scenario(
         TRUTH["viscous_friction"],
@@ -259,17 +222,17 @@ def scenario(reading: PaperReading, example: Example) -> Scenario:
 
 def _ratio(reading: PaperReading, example: Example, source: str) -> float:
     ratio = LARGER_RATIO if source == reading.larger_on else example.ratio
-    if reading.ratio is Ratio.VARIANCE:
+    if reading.ratio == "variance":
         ratio = float(np.sqrt(ratio))
-    if reading.ratio_of is RatioOf.FRACTIONAL and source in ORDERS:
+    if reading.ratio_of == "fractional" and source in ORDERS:
         ratio /= float(np.sqrt(mean_variance(ORDERS[source], SAMPLES)))
     return ratio
 
 
 def _excitation(reading: PaperReading) -> Excitation:
-    if reading.input is Input.SAMPLES:
+    if reading.input == "samples":
         return SampleClockInput(reading.input_variance)
-    if reading.input is Input.WHITE:
+    if reading.input == "white":
         return WhiteExcitation(float(np.sqrt(MOVING_AVERAGE * reading.input_variance + SINUSOID)))
     return PaperInput(reading.input_variance)
 
@@ -283,7 +246,7 @@ def mean_variance(order: float, count: int, start: int = 0) -> float:
 def record(reading: PaperReading, example: Example, rng: np.random.Generator) -> SimulatedRecord:
     """One record under a reading, and its truth."""
     made = simulate(scenario(reading, example), rng)
-    return made if reading.motion is MotionSource.SOLUTION else _differentiated(made, reading)
+    return made if reading.motion == "solution" else _differentiated(made, reading)
 
 
 def _differentiated(made: SimulatedRecord, reading: PaperReading) -> SimulatedRecord:
@@ -291,9 +254,9 @@ def _differentiated(made: SimulatedRecord, reading: PaperReading) -> SimulatedRe
     truth = made.truth
     errors = {name: made.signals.channels[name] - truth.channels[name] for name in made.signals.channels}
     velocity = truth.channels["velocity_z"]
-    if reading.motion is MotionSource.NOISY_VELOCITY:
+    if reading.motion == "noisy_velocity":
         velocity = velocity + errors.pop("velocity_z")
-    if reading.motion is MotionSource.EULER_STEPS:
+    if reading.motion == "euler_steps":
         velocity, acceleration = euler_steps(truth.channels["input"])
     else:
         height = integrated_height(velocity, truth.channels["input"], intersample=reading.intersample)
@@ -339,11 +302,11 @@ def _slope(ahead: int, behind: int, values: Series) -> Series:
 _central, _backward, _forward = partial(_slope, 1, 1), partial(_slope, 0, 1), partial(_slope, 1, 0)
 #: From z' and z to z' and z'' by differences; the edges are wrong.
 _DIFFERENCES: Mapping[MotionSource, Callable[[Series, Series], tuple[Series, Series]]] = {
-    MotionSource.VELOCITY_CENTRAL: lambda v, _: (v, _central(v)),
-    MotionSource.NOISY_VELOCITY: lambda v, _: (v, _central(v)),
-    MotionSource.VELOCITY_FORWARD: lambda v, _: (v, _forward(v)),
-    MotionSource.HEIGHT_CENTRAL: lambda _, z: (_central(z), _forward(_backward(z))),
-    MotionSource.HEIGHT_BACKWARD: lambda _, z: (_backward(z), _backward(_backward(z))),
+    "velocity_central": lambda v, _: (v, _central(v)),
+    "noisy_velocity": lambda v, _: (v, _central(v)),
+    "velocity_forward": lambda v, _: (v, _forward(v)),
+    "height_central": lambda _, z: (_central(z), _forward(_backward(z))),
+    "height_backward": lambda _, z: (_backward(z), _backward(_backward(z))),
 }
 
 
@@ -388,9 +351,9 @@ def _as_read(moments: Moments, compensation: Compensation) -> Moments:
     """Moments with the shared noise in the place that the reading gives it."""
     if not isinstance(moments, CrossMoments) or moments.noise is None:
         return moments
-    if compensation is Compensation.PRINTED_ROW:
+    if compensation == "printed_row":
         return replace(moments, noise=np.roll(moments.noise, 1, axis=0))
-    if compensation is Compensation.WITHOUT_COUNT:
+    if compensation == "without_count":
         return replace(moments, noise=moments.noise / moments.rows)
     return moments
 
