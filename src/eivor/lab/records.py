@@ -47,10 +47,6 @@ class Control:
         return "reference_position_z" if self.altitude_gain else "reference_velocity_z"
 
 
-#: K T below which the gains are summed as series: their closed forms would cancel.
-SMALL = 1e-2
-
-
 @dataclass(frozen=True, slots=True)
 class SampledVehicle:
     """Coefficients of the step, see this module."""
@@ -65,13 +61,8 @@ class SampledVehicle:
 def sampled_vehicle(viscous_friction: float, input_gain: float, step_s: float) -> SampledVehicle:
     """Step of a vehicle."""
     x = viscous_friction * step_s
-    if x < SMALL:
-        held = 1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
-        ramp = 0.5 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
-    else:
-        held = -float(np.expm1(-x)) / x
-        ramp = (float(np.expm1(-x)) + x) / x**2
-    return SampledVehicle(input_gain, step_s, float(np.exp(-x)), step_s * held, step_s * ramp)
+    held, ramp = scipy.special.exprel(-x), 0.5 * scipy.special.hyp1f1(1.0, 3.0, -x)
+    return SampledVehicle(input_gain, step_s, float(np.exp(-x)), float(step_s * held), float(step_s * ramp))
 
 
 Series = Float[np.ndarray, " samples"]
@@ -283,19 +274,8 @@ def check_noises(
 SOURCES = ("excitation", "disturbance", *NOISY_CHANNELS)
 
 
-@dataclass(frozen=True, slots=True)
-class LinearMotion:
-    """Input and motion at the samples; motions add, since the model is linear."""
-
-    input: Series  # shape (samples,)
-    velocity: Series  # z' [m/s], shape (samples,)
-    altitude: Series | None = None  # z [m], under altitude control, shape (samples,)
-
-    def __add__(self, other: LinearMotion) -> LinearMotion:
-        altitude = None
-        if self.altitude is not None and other.altitude is not None:
-            altitude = self.altitude + other.altitude
-        return LinearMotion(self.input + other.input, self.velocity + other.velocity, altitude)
+#: Input, z' [m/s] and under altitude control z [m]; motions add, since the model is linear.
+LinearMotion = Float[np.ndarray, "_ samples"]
 
 
 def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
@@ -356,11 +336,11 @@ def moved(scenario: Scenario, added: Series, pushed: Series) -> LinearMotion:
         forcing = np.outer(added[:-1], loop.error_effect) + np.outer(pushed[:-1], loop.push_effect)
         states = from_rest(loop.matrix, forcing)
         commanded = loop.error_gain * added + states @ loop.input_from_state
-        return LinearMotion(commanded, states[:, 0], states[:, 1] if control.altitude_gain else None)
+        return np.stack([commanded, *states.T[: 2 if control.altitude_gain else 1]])
     steps = scenario.input_gain * vehicle.held * added[:-1] + vehicle.held * pushed[:-1]
     if scenario.intersample is Intersample.LINEAR:
         steps += scenario.input_gain * vehicle.ramp * np.diff(added)
-    return LinearMotion(added, from_rest(np.array([[vehicle.decay]]), steps[:, None])[:, 0])
+    return np.stack([added, from_rest(np.array([[vehicle.decay]]), steps[:, None])[:, 0]])
 
 
 def declared_noise(
@@ -375,12 +355,10 @@ def declared_noise(
 def _channels(scenario: Scenario, motion: LinearMotion, disturbance: Series) -> dict[str, Series]:
     """Channels without measurement noise; the response is z''."""
     K, K_u = scenario.viscous_friction, scenario.input_gain
-    channels = {
-        "velocity_z": motion.velocity,
-        "acceleration_z": K_u * motion.input - K * motion.velocity + disturbance,
-        "input": motion.input,
-    }
-    return channels if motion.altitude is None else channels | {"position_z": motion.altitude}
+    drive, velocity, *altitude = motion
+    response = K_u * drive - K * velocity + disturbance
+    channels = {"velocity_z": velocity, "acceleration_z": response, "input": drive}
+    return channels | dict(zip(("position_z",), altitude, strict=False))
 
 
 def _disturbance(scenario: Scenario, undisturbed: LinearMotion, rng: np.random.Generator) -> Series:
