@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,8 @@ import shape_checks
 from eivor.errors import EstimationError, InputError, NonFiniteError, TooFewSamplesError, UsageError
 from eivor.estimation.methods import least_squares
 from eivor.lab.experiments import VerticalExperiment
-from eivor.lab.figures import CoverageRow, coverage_figure, nrmse_figure, study_coverage_figure
-from eivor.lab.study import MethodChoice, Spread, Study, StudyResult
+from eivor.lab.figures import coverage_figure, nrmse_figure, study_figures
+from eivor.lab.study import MethodChoice, Share, Spread, Study, StudyResult
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.figure_panels import PlottedInterval, draw_forest, estimates_figure, pair_figure
 from eivor.report.figures import residual_figure, save_figure, signals_figure
@@ -286,21 +285,12 @@ def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate):
 
 
 def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label():
-    rows = [
-        CoverageRow(label, group, hits, 1000)
-        for group in ("a: K", "b: K")
-        for label, hits in (("one", 950), ("two", 700))
-    ]
-    rows.append(CoverageRow("never run", "a: K", 0, 0))
-    figure = coverage_figure(rows, band=(0.92, 0.985), title="N = 500")
+    hits = {"one": 950, "two": 700}
+    shares = {label: dict.fromkeys(("a: K", "b: K"), Share(count, 1000)) for label, count in hits.items()}
+    figure = coverage_figure(shares | {"never run": {"a: K": Share(0, 0)}}, title="N = 500")
     axes = figure.axes[0]
     assert [text.get_text() for text in axes.get_yticklabels()] == ["a: K", "b: K"]
-    assert [text.get_text() for text in figure.legends[0].texts] == [
-        "asked for",
-        "nominal, 95 %",
-        "one",
-        "two",
-    ]
+    assert [text.get_text() for text in figure.legends[0].texts] == ["nominal, 95 %", "one", "two"]
     first, second = axes.containers
     assert first.lines[0].get_xdata().tolist() == [95.0, 95.0]
     assert second.lines[0].get_xdata().tolist() == [70.0, 70.0]
@@ -310,10 +300,10 @@ def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label():
     assert inside(figure)
 
 
-def finished(folder, name, *, intervals=True, level=0.95):
+def finished(folder, level):
     experiment = VerticalExperiment(ev.Scenario(0.3, 0.8))
     choices = (MethodChoice("least_squares"), MethodChoice("generalized_iv", lags=(0, 3)))
-    study = Study(name, experiment, choices, runs=3, intervals=intervals, level=level)
+    study = Study("one", experiment, choices, runs=3, intervals=True, level=level)
     columns: dict[str, list[int] | list[float] | list[str]] = {"trial": [0, 1, 2]}
     for label in ("least_squares", "generalized_iv"):
         columns[f"{label}.status"] = ["identified", "failed", "weak"]
@@ -325,7 +315,7 @@ def finished(folder, name, *, intervals=True, level=0.95):
 
 
 def test_studies_show_each_parameter_with_its_methods_side_by_side(tmp_path):
-    alone = study_coverage_figure(finished(tmp_path, "one", level=0.9))
+    alone = dict(study_figures(finished(tmp_path, level=0.9)))["coverage"]
     assert [text.get_text() for text in alone.axes[0].get_yticklabels()] == ["K", "K_u"]
     assert next(text.get_text() for text in alone.legends[0].texts) == "nominal, 90 %"
     assert alone.axes[0].containers[0].lines[0].get_xdata().tolist() == [50.0, 50.0]
@@ -408,8 +398,7 @@ test_refused = table(
         (lambda: residual_figure(np.array([1.0, math.nan] * 20), rate_hz=5.0), NonFiniteError, "Expected"),
         (lambda: residual_figure(np.ones(100), rate_hz=0.0), NonFiniteError, "Expected"),
         (lambda: residual_figure(np.ones(9), rate_hz=5.0), TooFewSamplesError, "Expected"),
-        (lambda: coverage_figure([CoverageRow("one", "a", 0, 0)]), UsageError, "that were counted"),
-        (lambda: study_coverage_figure(finished(Path(), "one", intervals=False)), UsageError, "one without"),
+        (lambda: coverage_figure({"one": {"a": Share(0, 0)}}), UsageError, "that were counted"),
         (lambda: nrmse_figure({}), UsageError, "scores to draw"),
         (lambda still: flight_figure(still, {"zzz": None}), UsageError, "height, climb rate, input, reasons"),
         (lambda still: still.plot(axes=Figure().subplots(2)), EstimationError, ""),

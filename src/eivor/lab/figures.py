@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,81 +35,47 @@ MARKERS = ("o", "s", "D", "^", "v", "P", "X")
 WIDTH, ROW_HEIGHT, LEAST_ROW = 7.6, 0.13, 0.3
 
 
-@dataclass(frozen=True, slots=True)
-class CoverageRow:
-    """One share."""
-
-    label: str  # What intervals were made of: the method or the covariance. Has a colour
-    group: str  # What they were made for: scenario, length, parameter. Has a line
-    hits: int  # Intervals that held the truth, and all
-    count: int
-
-
 def coverage_figure(
-    rows: Sequence[CoverageRow],
-    *,
-    nominal: float = 0.95,
-    band: tuple[float, float] | None = None,
-    title: str = "",
+    shares: Mapping[str, Mapping[str, Share]], *, nominal: float = 0.95, title: str = ""
 ) -> Figure:
-    """Shares of intervals that held the truth, as dots with 95 % Wilson intervals."""
-    drawn = [row for row in rows if row.count]
-    if not drawn:
+    """Shares of intervals that held the truth, a colour for each label and a line for each of its groups."""
+    drawn = {label: {group: x for group, x in of.items() if x.count} for label, of in shares.items()}
+    drawn = {label: of for label, of in drawn.items() if of}
+    groups = list(dict.fromkeys(group for of in drawn.values() for group in of))
+    if not groups:
         raise UsageError("intervals that were counted", "none", "Run a study with intervals.")
-    groups = list(dict.fromkeys(row.group for row in drawn))
-    labels = list(dict.fromkeys(row.label for row in drawn))
-    line = max(ROW_HEIGHT * len(labels), LEAST_ROW)
-    figure = plots.page(WIDTH, line * len(groups) + 1.5 + 0.2 * -(-len(labels) // 3), title)
+    line = max(ROW_HEIGHT * len(drawn), LEAST_ROW)
+    figure = plots.page(WIDTH, line * len(groups) + 1.5 + 0.2 * -(-len(drawn) // 3), title)
     axes = figure.add_subplot()
-    if band is not None:
-        axes.axvspan(100 * band[0], 100 * band[1], color=plots.BLUE, alpha=0.10, lw=0, label="asked for")
     axes.axvline(100 * nominal, color=plots.DARK, lw=1.0, ls="--", label=f"nominal, {100 * nominal:g} %")
-    for index, label in enumerate(labels):
-        selected = [row for row in drawn if row.label == label]
-        shift = 0.76 * ((index + 0.5) / len(labels) - 0.5)
-        _dots(axes, selected, [groups.index(row.group) + shift for row in selected], index)
+    lowest = 100 * nominal - 2.0
+    for index, (label, of) in enumerate(drawn.items()):
+        shift = 0.76 * ((index + 0.5) / len(drawn) - 0.5)
+        middle = 100.0 * np.array([share.value for share in of.values()])
+        low, high = 100.0 * np.array([share.interval for share in of.values()]).T
+        lowest = min(lowest, float(low.min()))
+        axes.errorbar(
+            middle,
+            [groups.index(group) + shift for group in of],
+            xerr=np.maximum([middle - low, high - middle], 0.0),
+            fmt=MARKERS[index % len(MARKERS)],
+            color=COLOURS[index % len(COLOURS)],
+            ms=4.5,
+            lw=1.1,
+            capsize=2.0,
+            label=label,
+        )
     for edge in range(1, len(groups)):
         axes.axhline(edge - 0.5, color=plots.GREY, lw=0.4, alpha=0.5)
     axes.set_yticks(range(len(groups)), [printable(group) for group in groups], fontsize=8)
     axes.set_ylim(len(groups) - 0.5, -0.5)
-    lowest = 100.0 * min(Share(row.hits, row.count).interval[0] for row in drawn)
-    axes.set_xlim(min(lowest, 100 * nominal - 2.0) - 1.0, 100.5)
+    axes.set_xlim(lowest - 1.0, 100.5)
     axes.set_xlabel("intervals that hold the truth [%]")
     axes.grid(axis="x", alpha=0.25)
     drawn_legend = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     for text in (*axes.get_yticklabels(), *drawn_legend.get_texts()):
         text.set_parse_math(False)
     return figure
-
-
-def study_coverage_figure(result: StudyResult, title: str = "") -> Figure:
-    """Coverage of every parameter of a study, methods side by side."""
-    if not result.study.intervals:
-        raise UsageError("a study with intervals", "one without", "Set intervals = true in the study's file.")
-    rows = [
-        CoverageRow(item.label, _words(score.name), score.coverage.hits, score.coverage.count)
-        for item in scores(result)
-        for score in item.parameters
-        if score.coverage is not None
-    ]
-    return coverage_figure(rows, nominal=result.study.level, title=title)
-
-
-def _dots(axes: Axes, rows: Sequence[CoverageRow], positions: Sequence[float], number: int) -> None:
-    shares = [Share(row.hits, row.count) for row in rows]
-    middle = 100.0 * np.array([share.value for share in shares])
-    low, high = 100.0 * np.array([share.interval for share in shares]).T
-    axes.errorbar(
-        middle,
-        positions,
-        xerr=np.maximum([middle - low, high - middle], 0.0),
-        fmt=MARKERS[number % len(MARKERS)],
-        color=COLOURS[number % len(COLOURS)],
-        ms=4.5,
-        lw=1.1,
-        capsize=2.0,
-        label=rows[0].label,
-    )
 
 
 PANEL_WIDTH, PANEL_HEIGHT = 3.6, 2.7
@@ -149,7 +115,12 @@ def study_figures(result: StudyResult) -> Iterator[tuple[str, Figure]]:
     title = f"{printable(result.study.name)}: {result.trials.height} trials"
     yield "nrmse", nrmse_figure(rows, title=title)
     if result.study.intervals:
-        yield "coverage", study_coverage_figure(result, f"Coverage: {result.study.name}")
+        shares = {
+            item.label: {_words(score.name): score.coverage for score in item.parameters if score.coverage}
+            for item in scores(result)
+        }
+        level, title = result.study.level, f"Coverage: {result.study.name}"
+        yield "coverage", coverage_figure(shares, nominal=level, title=title)
 
 
 def _words(name: str) -> str:
