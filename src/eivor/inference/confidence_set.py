@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from fractions import Fraction
 from itertools import pairwise
-from math import inf, isfinite, isnan, isqrt
+from math import copysign, frexp, inf, isfinite, isnan, ldexp, sqrt
 
 import numpy as np
 
 from eivor import checks
 from eivor.errors import ParameterError
 from eivor.tools import Bool, Float
-
-#: Binary digits of a square root: more than a double has, so that roots are right to rounding.
-ROOT_BITS = 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,23 +68,22 @@ class ConfidenceSet:
     def from_quadratic(cls, a: float, b: float, c: float) -> ConfidenceSet:
         """Solutions of ``a x^2 + b x + c <= 0``, of finite coefficients (else a `ParameterError`).
 
-        Roots are computed in exact rational arithmetic and rounded once, the smaller from the product of the
-        two: nothing cancels, overflows or underflows on the way. The sign of the exact discriminant decides
-        whether there are roots. Roots beyond the range of numbers count as infinite.
+        Roots beyond the range of numbers count as infinite.
         """
         if not (isfinite(a) and isfinite(b) and isfinite(c)):
             remedy = "Check the data for overflow."
             raise ParameterError("finite coefficients of a quadratic", f"{a}, {b}, {c}", remedy)
-        if a == 0.0:
-            root = _nearest(-Fraction(c) / Fraction(b)) if b else inf
-            if not isfinite(root):
-                return cls.whole_line() if c <= 0.0 else cls.empty()
-            return cls(((-inf, root),)) if b > 0.0 else cls(((root, inf),))
-        roots = _roots(a, b, c)
-        if roots is None:
-            return cls.empty() if a > 0.0 else cls.whole_line()
-        low, high = roots
-        if a > 0.0:
+        largest = frexp(max(abs(a), abs(b), abs(c)))[1]
+        a, b, c = (ldexp(item, -largest) for item in (a, b, c))  # no product overflows
+        half = 0.0 - 0.5 * b
+        square = half * half - a * c
+        if square < 0.0 or a == half == 0.0:
+            return cls.whole_line() if c <= 0.0 else cls.empty()
+        # the root that does not cancel, and the other one by their product
+        larger = half + copysign(sqrt(square) if a * c else abs(half), half)
+        roots = larger / a if a else copysign(inf, larger), c / larger if larger else 0.0
+        low, high = min(roots), max(roots)
+        if a >= 0.0:
             return cls(((low, high),)) if low < inf and high > -inf else cls.empty()
         outside = ((-inf, low), (high, inf))
         return cls.union((lower, upper) for lower, upper in outside if lower < upper)
@@ -154,27 +149,6 @@ class ConfidenceSet:
         if self == self.whole_line():
             return "the whole line"
         return " or ".join(_text(low, high) for low, high in self.intervals)
-
-
-def _roots(a: float, b: float, c: float) -> tuple[float, float] | None:
-    """Real roots of a x^2 + b x + c in ascending order, a not zero; None when there are none."""
-    half, product = Fraction(b) / Fraction(a) / 2, Fraction(c) / Fraction(a)
-    square = half * half - product
-    if square < 0:
-        return None
-    scaled = square.numerator * square.denominator
-    shift = max(ROOT_BITS - scaled.bit_length() // 2, 0)
-    root = Fraction(isqrt(scaled << 2 * shift), square.denominator << shift)
-    q = -half - root if half >= 0 else -half + root
-    nearest, other = _nearest(q), _nearest(product / q) if q else 0.0
-    return min(nearest, other), max(nearest, other)
-
-
-def _nearest(value: Fraction) -> float:
-    try:
-        return float(value)
-    except OverflowError:
-        return inf if value > 0 else -inf
 
 
 def _text(low: float, high: float) -> str:
