@@ -9,8 +9,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from eivor import checks
 from eivor.errors import ParameterError
-from eivor.lab.records import Scenario, check_noises, check_number, declared_noise, simulate
+from eivor.lab.records import Scenario, check_noises, declared_noise, simulate
 from eivor.models.regression import Column, Equation, Parameter
 from eivor.models.signal_regression import SignalRegression
 from eivor.motions.vertical.model import VerticalMotion
@@ -163,16 +164,14 @@ class DifferenceEquation(Experiment):
         if not self.input_coefficients:
             expected = "at least one input coefficient"
             raise ParameterError(expected, "none", "Without an input nothing is excited.")
-        for value in (*self.output_coefficients, *self.input_coefficients):
-            check_number(True, "finite coefficients", value)
-        check_number(self.delay >= 0, "a delay of zero or more samples", self.delay)
-        check_number(self.rate_hz > 0.0, "rate_hz above zero", self.rate_hz)
+        checks.finite("coefficient", *self.output_coefficients, *self.input_coefficients)
+        checks.require(self.delay >= 0, "a delay of zero or more samples", f"{self.delay}")
+        checks.positive("rate_hz", self.rate_hz)
         outputs, inputs = len(self.output_coefficients), len(self.input_coefficients)
         unknowns = outputs + inputs
         needed = unknowns + max(outputs, self.delay + inputs - 1)
-        check_number(
-            self.samples >= needed, f"samples of {needed} or more for {unknowns} unknowns", self.samples
-        )
+        expected = f"samples of {needed} or more for {unknowns} unknowns"
+        checks.require(self.samples >= needed, expected, f"samples={self.samples}")
         check_noises(self.noise, self.noise_to_signal, self.channels)
         root = largest_root(np.array(self.output_coefficients))
         if root >= LARGEST_ROOT:

@@ -20,8 +20,7 @@ from eivor.errors import (
     TooFewSamplesError,
     UsageError,
 )
-from eivor.linalg.system import PASSED_ROWS
-from eivor.models.regression import Column, LinearProblem, Parameter, Regression, RowBlock, check_columns
+from eivor.models.regression import Column, LinearProblem, Parameter, Regression, check_columns
 from eivor.models.separable import LinearisableProblem, Nuisance, Values
 from eivor.models.spectral import SpectralRegression
 from eivor.signals.filters import filtered, in_a_row, reciprocal
@@ -78,23 +77,12 @@ class FractionalDerivative(FractionalOperator):
     first order of the step. The second term takes it away, which leaves one of the second order.
     """
 
-    @property
-    def finer(self) -> FractionalOperator:
-        return _Series(3)
-
-    def differences(self, order: float, step_s: float, /) -> tuple[tuple[float, float, int], ...]:
-        return _Series(2).differences(order, step_s)
-
-
-@dataclass(frozen=True, slots=True)
-class _Series(FractionalOperator):
-    """The first terms of (-log(1 - Delta) / step)^order: an error of their number's order in the step."""
-
-    terms: int
+    #: First terms of (-log(1 - Delta) / step)^order: an error of their number's order in the step
+    terms: int = 2
 
     @property
     def finer(self) -> FractionalOperator:
-        return _Series(self.terms + 1)
+        return FractionalDerivative(self.terms + 1)
 
     def differences(self, order: float, step_s: float, /) -> tuple[tuple[float, float, int], ...]:
         scale = step_s**-order
@@ -247,9 +235,8 @@ class FractionalTerm:
     def may_be(self, other: FractionalTerm) -> bool:
         """Whether the two could be one column: of one lag, with an order in common inside their ranges."""
         (low, high), (least, largest) = self.range, other.range
-        if low < high and least < largest:  # two ranges may touch
-            return self.lag == other.lag and low < largest and least < high
-        return self.lag == other.lag and low <= largest and least <= high
+        shared, both_ranges = min(high, largest) - max(low, least), low < high and least < largest
+        return self.lag == other.lag and (shared > 0.0 if both_ranges else shared >= 0.0)  # ranges may touch
 
 
 def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
@@ -422,18 +409,11 @@ class FractionalRegression(LinearProblem):
         signals = self.filtered.signals
         instruments = [column.values(signals, self.first) for column in self.instrument_columns]
         Psi = np.column_stack(instruments) if instruments else np.empty((Phi.shape[0], 0))
-        try:
-            noise = self.regressor_noise_covariance()
-        except MissingNoiseError:
-            noise = None
         response = self.filtered.values(self.response, self.first)
-        return Regression(response, Phi, Psi, self.parameters, regressor_noise=noise)
+        return Regression(response, Phi, Psi, self.parameters, regressor_noise=self.declared_noise())
 
     def rows(self) -> Regression:
         return self._rows
-
-    def blocks(self, size: int = PASSED_ROWS) -> Iterator[RowBlock]:
-        return self._rows.blocks(size)
 
     @cached_property
     def _columns(self) -> tuple[FractionalColumn, ...]:

@@ -16,7 +16,7 @@ from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.recording import Channel, Recording
 from eivor.signals.signals import Signals
 from eivor.simulation.environment import KnownLog, known_log
-from eivor.simulation.excitation import Disturbance, Excitation, PaperInput
+from eivor.simulation.excitation import Disturbance, Excitation, PaperInput, at_least
 from eivor.tools import Float
 
 
@@ -178,14 +178,13 @@ class Scenario:
 
     def __post_init__(self) -> None:
         self._check_types()
-        check_number(self.viscous_friction >= 0.0, "viscous_friction of zero or more", self.viscous_friction)
-        check_number(True, "a finite input_gain", self.input_gain)
-        check_number(self.rate_hz > 0.0, "rate_hz above zero", self.rate_hz)
-        check_number(self.samples >= LEAST_SAMPLES, f"samples of {LEAST_SAMPLES} or more", self.samples)
+        checks.non_negative("viscous_friction", self.viscous_friction)
+        checks.finite("input_gain", self.input_gain)
+        checks.positive("rate_hz", self.rate_hz)
+        at_least("samples", self.samples, LEAST_SAMPLES)
         check_noises(self.noise, self.noise_to_signal, self.measured)
         if self.disturbance_to_signal is not None:
-            ratio = self.disturbance_to_signal
-            check_number(ratio >= 0.0, "disturbance_to_signal of zero or more", ratio)
+            checks.non_negative("disturbance_to_signal", self.disturbance_to_signal)
             if self.disturbance is None:
                 remedy = "Give the disturbance as well."
                 raise ParameterError("a disturbance to scale", "disturbance_to_signal alone", remedy)
@@ -252,18 +251,12 @@ _REMEDIES = {
 }
 
 
-def check_number(in_range: bool, expected: str, value: float | int) -> None:
-    """Refuse a number that is out of range or not finite."""
-    if not (in_range and np.isfinite(value)):
-        raise ParameterError(expected, f"{value}", "Correct the scenario.")
-
-
 def check_noises(
     noises: Mapping[str, MeasurementNoise], ratios: Mapping[str, float], channels: tuple[str, ...]
 ) -> None:
     """Refuse noise of other channels, and ratios below zero."""
     for name, ratio in ratios.items():
-        check_number(ratio >= 0.0, f"noise_to_signal of zero or more for {name}", ratio)
+        checks.non_negative(f"noise_to_signal for {name}", ratio)
     for name in (*noises, *ratios):
         if name not in channels:
             remedy = _REMEDIES.get(name, "Name one of these channels.")

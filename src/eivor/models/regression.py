@@ -202,9 +202,9 @@ class LinearProblem(ABC):
     def instrument_count(self) -> int:
         """Number of instruments, p."""
 
-    @abstractmethod
     def blocks(self, size: int = PASSED_ROWS) -> Iterator[RowBlock]:
-        """Rows in their order, block by block, without building them all."""
+        """Rows in their order, block by block; of signals without building them all."""
+        return self.rows().blocks(size)
 
     @abstractmethod
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:

@@ -132,8 +132,20 @@ class ScaledExcitation(Excitation):
         return self.std / spread * series
 
 
+class _Band(Excitation):
+    """A series within a band of frequencies."""
+
+    low_hz: float
+    high_hz: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        received = f"low_hz={self.low_hz}, high_hz={self.high_hz}"
+        require(self.low_hz <= self.high_hz, "a low_hz up to high_hz", received)
+
+
 @dataclass(frozen=True, slots=True)
-class FilteredWhite(Excitation):
+class FilteredWhite(_Band):
     """White noise with nothing outside a band, to rounding.
 
     Filtered in the frequency domain: the series is periodic with the record. Mean zero.
@@ -145,9 +157,6 @@ class FilteredWhite(Excitation):
     low_hz: Size
     high_hz: Positive
 
-    def __post_init__(self) -> None:
-        _check_band(self)
-
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         spectrum = np.fft.rfft(rng.standard_normal(count))
         inside = _bins(count, step_s, self.low_hz, self.high_hz)
@@ -156,15 +165,12 @@ class FilteredWhite(Excitation):
 
 
 @dataclass(frozen=True, slots=True)
-class Chirp(Excitation):
+class Chirp(_Band):
     """A sinus whose frequency grows linearly from one end of a band to the other over the record."""
 
     amplitude: Size  # Its peak
     low_hz: Size  # The band [Hz], which must end below half the rate
     high_hz: Positive
-
-    def __post_init__(self) -> None:
-        _check_band(self)
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         _check_rate(self.high_hz, step_s)
@@ -174,7 +180,7 @@ class Chirp(Excitation):
 
 
 @dataclass(frozen=True, slots=True)
-class Multisine(Excitation):
+class Multisine(_Band):
     """Equal sinusoids at every multiple of one over the record's duration in a band.
 
     Schroeder's phases, -pi m (m - 1) / M for the m-th of M, keep the peak low: about 1.8 times the standard
@@ -185,9 +191,6 @@ class Multisine(Excitation):
     low_hz: Size  # The band [Hz], both ends included, as of filtered white noise
     high_hz: Positive
 
-    def __post_init__(self) -> None:
-        _check_band(self)
-
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         inside = _bins(count, step_s, self.low_hz, self.high_hz)
         lines = int(inside.sum())
@@ -195,12 +198,6 @@ class Multisine(Excitation):
         spectrum = np.zeros(inside.size, dtype=np.complex128)
         spectrum[inside] = np.exp(-1j * np.pi * numbers * (numbers - 1) / lines)
         return self.std * count / np.sqrt(2.0 * lines) * np.fft.irfft(spectrum, count)
-
-
-def _check_band(excitation: FilteredWhite | Chirp | Multisine) -> None:
-    Excitation.__post_init__(excitation)
-    low_hz, high_hz = excitation.low_hz, excitation.high_hz
-    require(low_hz <= high_hz, "a low_hz up to high_hz", f"low_hz={low_hz}, high_hz={high_hz}")
 
 
 def _check_rate(high_hz: float, step_s: float) -> None:
