@@ -15,7 +15,8 @@ import pytest
 import typer
 
 import eivor as ev
-from eivor.cli.main import COMMANDS, EXAMPLES, app
+from eivor.cli import outputs
+from eivor.cli.main import COMMANDS, app
 from eivor.errors import InputError
 
 COMMAND = typer.main.get_command(app)
@@ -78,7 +79,10 @@ def test_what_is_missing_or_misspelt_is_said(eivor):
         if any(item.required for item in command.params):
             run = eivor(*path)
             assert (run.code, run.out) == (2, "")
-            assert f"received none. For example: eivor {' '.join(path)} {EXAMPLES[' '.join(path)]}" in run.err
+            words = " ".join(path)
+            assert (
+                f"received none. For example: eivor {words} {outputs.COMMANDS[words]['example']}" in run.err
+            )
     for words, meant in (
         (("identify", "--exampel"), "--example"),
         (("fleet", "run", "--rports"), "--reports"),

@@ -24,55 +24,16 @@ WrongUsage: Any = typer.BadParameter.__base__
 if TYPE_CHECKING:
     app: typer.Typer
 
-#: What a message about a missing argument shows.
-EXAMPLES = {
-    "export": "fit.json --to px4",
-    "validate": "fit.json other.ulg",
-    "simulate": "flight -o flight.parquet",
-    "study": "study.toml",
-    "fleet run": "logs/ -o fleet/",
-    "fleet query": "fleet/ verdicts",
-    "fleet compact": "fleet/",
-    "fleet report": "fleet/",
-    "example fetch": "ardupilot_log_0036",
-    "vehicle show": "quadrotor-x",
-    "machine show": "rover",
-}
-#: Commands in the order of help: heading, module, and what `eivor --help` says. The module has the command or
-#: group by its name; those of other rooms and packages are entry points.
-COMMANDS = {
-    "identify": (
-        "Identify",
-        "identify",
-        "Identify a motion from a flight log, with intervals and a verdict.",
-    ),
-    "report": ("Identify", "identify", "Identify logs, and write the result as one page of HTML."),
-    "track": ("Identify", "identify", "Follow a parameter over a flight."),
-    "inspect": ("Look", "tools", "Show what a log holds, and what it could be used for."),
-    "frequency-response": (
-        "Look",
-        "identify",
-        "Bode plot in closed loop with bands, orders and a controller.",
-    ),
-    "serve": ("Look", "", "Open a page on this machine, on which logs are dropped."),
-    "example": ("Look", "tools", "Logs to try Eivor with."),
-    "export": ("Use the result", "export", "Write a result for an autopilot, a controller or a simulator."),
-    "validate": ("Use the result", "identify", "Compare a fit with another flight of the vehicle."),
-    "plan": ("Plan", "tools", "Plan the flight that would identify what a result could not."),
-    "vehicle": ("Plan", "tools", "Vehicle files of the rigid body."),
-    "machine": ("Plan", "tools", "Machines that are declared: equations in ten lines."),
-    "simulate": ("Simulate and study", "", "Simulate motion with known parameters into a log."),
-    "study": ("Simulate and study", "", "Run a Monte Carlo study."),
-    "paper": ("Simulate and study", "", "Make the tables and figures of the paper again."),
-    "fleet": ("Fleets", "", "Many logs as one table: run, query, report."),
-}
+#: Commands in the order of help; see the file.
+COMMANDS = {name: row for name, row in outputs.COMMANDS.items() if "heading" in row}
 #: Group of the entry points by which the rooms `lab`, `fleet` and `serve` add their commands.
 ENTRY_POINTS = "eivor.commands"
 
 
 @cache
 def _targets(*names: str) -> dict[str, str]:
-    listed = {name: module and f"eivor.cli.{module}:{name}" for name, (_, module, _) in COMMANDS.items()}
+    modules = {name: row.get("module") for name, row in COMMANDS.items()}
+    listed = {name: module and f"eivor.cli.{module}:{name}" for name, module in modules.items()}
     points = () if names and all(map(listed.get, names)) else entry_points(group=ENTRY_POINTS)
     added = {point.name: point.value for point in points}
     return {name: target.replace("-", "_") for name, target in (listed | added).items() if target}
@@ -98,7 +59,7 @@ def _readable_errors() -> Iterator[None]:
             if parameter.param_type_name == "option":
                 name = f"{max(parameter.opts, key=len)} {name}"
             command = context.command_path.partition(" ")[2]
-            example = f"For example: eivor {command} {EXAMPLES.get(command, name)}"
+            example = f"For example: eivor {command} {outputs.COMMANDS.get(command, {}).get('example', name)}"
             about = f"{name} ({parameter.help[0].lower()}{parameter.help[1:].rstrip('.')})"
             raise typer.Exit(int(outputs.reported(UsageError(about, "none", example)))) from None
         raise
@@ -131,11 +92,11 @@ def application(*names: str, loaded: bool = True) -> typer.Typer:
     made.callback()(_eivor)
     targets = _targets(*names)
     for name in names or targets:
-        panel, _, about = COMMANDS.get(name, (None, "", ""))
+        row = COMMANDS.get(name, {})
         if loaded:
-            _add(made, name, targets[name], panel)
+            _add(made, name, targets[name], row.get("heading"))
         else:
-            made.command(name, help=about, rich_help_panel=panel)(lambda: None)
+            made.command(name, help=row.get("about"), rich_help_panel=row.get("heading"))(lambda: None)
     return made
 
 

@@ -310,6 +310,8 @@ def progress_bar(what: str) -> Iterator[tools.ItemsDone]:
 
 # -- Exit codes --
 
+#: What help says of each command; see the file.
+COMMANDS = package_tables("eivor.cli", "commands.toml")
 #: Set to 1 to see the traceback of an unexpected error.
 DEBUG_VARIABLE = "EIVOR_DEBUG"
 
@@ -587,7 +589,7 @@ class ReadableCommand(TyperCommand):
 
 def exit_codes(command: str) -> str:
     """What stands below the help of a command: its exit codes first."""
-    return f"[bold]Exit codes[/bold]: {package_tables('eivor.cli', 'exit_codes.toml')[command]}"
+    return f"[bold]Exit codes[/bold]: {COMMANDS[command]['exit_codes']}"
 
 
 def command(
