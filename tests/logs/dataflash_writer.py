@@ -13,17 +13,6 @@ KINDS |= {"f": "f4", "d": "f8", "g": "f2", "c": "i2", "C": "u2", "e": "i4", "E":
 KINDS |= {"n": "S4", "N": "S16", "Z": "S64", "a": "(32,)i2"}
 SCALES = {"c": 100, "C": 100, "e": 100, "E": 100, "L": 10_000_000}
 BOOT_S = 100.0
-#: Letters of unit and multiplier that firmware since 3.6 declares for columns, and what they stand for.
-LABELS = {"-": "", "s": "s", "d": "deg", "h": "degheading", "k": "deg/s", "E": "rad/s", "m": "m", "n": "m/s"}
-LABELS |= {"o": "m/s/s", "r": "rad", "v": "V", "Y": "us", "#": "instance"}
-MULTIPLIERS = {"-": 0.0, "?": 1.0, "0": 1.0, "B": 1e-2, "C": 1e-3, "F": 1e-6, "G": 1e-7}
-LETTERS = {"TimeUS": "sF", "I": "#-", "C": "#-", "Inst": "#-", "Volt": "v0", "DCRt": "nB"}
-LETTERS |= dict.fromkeys(("DesRoll", "Roll", "DesPitch", "Pitch"), "d0") | {"DesYaw": "h0", "Yaw": "h0"}
-LETTERS |= dict.fromkeys(("RDes", "R", "PDes", "P", "YDes", "Y"), "k?") | {"A": "oB", "ADes": "oB"}
-LETTERS |= {f"Gyr{axis}": "E0" for axis in "XYZ"} | {f"Acc{axis}": "o0" for axis in "XYZ"}
-LETTERS |= dict.fromkeys(("DAlt", "Alt", "PN", "PE", "PD", "DPD", "TPD"), "m0")
-LETTERS |= dict.fromkeys(("VN", "VE", "VD", "DVD", "TVD"), "n0") | dict.fromkeys(("DAD", "TAD", "AD"), "o0")
-LETTERS |= {f"C{n}": "Y-" for n in range(1, 15)}
 
 
 def fmt(number, length, name, codes, columns):
@@ -67,20 +56,6 @@ class DataflashWriter:
     def parameters(self, **values):
         for name, value in values.items():
             self.add("PARM", 0.0, "Nf", Name=name.encode(), Value=value)
-        return self
-
-    def units(self, letters=LETTERS):
-        """Declare the units of all columns, as firmware since 3.6 does."""
-        for letter, label in LABELS.items():
-            self.add("UNIT", 0.0, "bZ", Id=ord(letter), Label=label.encode())
-        for letter, factor in MULTIPLIERS.items():
-            self.add("MULT", 0.0, "bd", Id=ord(letter), Mult=factor)
-        for name, columns in list(self.columns.items()):
-            unit, scale = (
-                "".join(item) for item in zip(*(letters.get(c, "--") for c in columns), strict=True)
-            )
-            of = {"FmtType": self.numbers[name], "UnitIds": unit.encode(), "MultIds": scale.encode()}
-            self.add("FMTU", 0.0, "BNN", **of)
         return self
 
     def text(self, words):
@@ -159,7 +134,7 @@ def flight_log(flight, dialect="4.6", vehicle="", high=HIGH, modes=MODES, true=1
     widths = LOW + (SPIN_MIN + values["signal"][::every] * (SPIN_MAX - SPIN_MIN)) * (high - LOW)
     writer.add("RCOU", t[::every], "H" * 4, **{f"C{n}": widths for n in range(1, 5)})
     writer.add("RCIN", t[::10], "H" * 3, C1=1500, C2=1500, C3=1300)
-    return writer if dialect in ("3.3", "3.4") else writer.units()
+    return writer
 
 
 def commands(thrust, true, in_force):

@@ -331,7 +331,7 @@ def writer(n=60):
     parameters.add("IMU", t, "Bfff", I=0, AccX=0.0, AccY=0.0, AccZ=-9.8 + wave)
     parameters.add("ATT", t, "ccC", Roll=wave, Pitch=wave, Yaw=10.0)
     parameters.add("RCOU", t[::5], "HHHH", C1=1500, C2=1500, C3=1500, C4=1500)
-    return parameters.add("PSCD", t[::5], "ff", DPD=wave[::5], DVD=wave[::5]).units()
+    return parameters.add("PSCD", t[::5], "ff", DPD=wave[::5], DVD=wave[::5])
 
 
 @pytest.fixture(scope="module")

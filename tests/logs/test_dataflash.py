@@ -53,7 +53,6 @@ def test_a_flight_in_each_dialect(read, flight, dialect):
     np.testing.assert_allclose(channels["actuator_output_4"].values, share, atol=1e-3)
     assert r.parameters["MOT_THST_EXPO"] == 1.0
     assert not told(r, "motor_range")
-    assert not told(r, "declared_units")
     np.testing.assert_array_equal(channels["landed"].values, [0.0, 1.0])
 
 
@@ -68,22 +67,6 @@ def test_attitude_turns_without_a_jump(read, flight):
 def test_pulse_widths_that_do_not_fit_the_throttle(read, flight):
     r = read(flight_log(flight, "4.6", high=1700.0))
     assert "RC3_MIN and RC3_MAX" in told(r, "motor_range")
-
-
-def test_declared_units_that_disagree(read):
-    """A climb in whole cm/s and angles in centidegrees, whose units are declared as others."""
-
-    def reported(**letters):
-        writer = DataflashWriter().add("CTUN", [0.0, 0.1], "h", DCRt=[100, 50])
-        writer.add("ATT", [0.0, 0.1], "ccc", Roll=1.0, Pitch=2.0, Yaw=3.0).units(letters)
-        return told(read(writer), "declared_units")
-
-    assert not reported(DCRt="nB", Pitch="dB", Roll="d-", Yaw="h?")
-    sentence = reported(DCRt="nC", Pitch="n0", Roll="E0")
-    assert "CTUN.DCRt as 0.001 m/s, read as 0.01" in sentence
-    assert "ATT.Pitch in m/s, read in rad" in sentence
-    assert "ATT.Roll in rad/s" in sentence
-    assert "ATT.Roll as 0.01 rad, read as 0.0001745" in reported(Roll="r0")
 
 
 def without(writer, *names):

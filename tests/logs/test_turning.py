@@ -93,7 +93,7 @@ def turning_log(flight, mode):
     for angle, letter in (("Roll", "x"), ("Pitch", "y"), ("Yaw", "z")):
         requested = DOWN[letter] * flight.channels[f"reference_{angle.lower()}"].values * DEG
         attitude |= {f"Des{angle}": requested, angle: 0.0}
-    return writer.add("ATT", time[::8], "Bffffff", **attitude).units()
+    return writer.add("ATT", time[::8], "Bffffff", **attitude)
 
 
 @pytest.mark.thorough

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import mmap
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,7 +23,7 @@ from eivor.logs.dataflash.messages import (
     read_messages,
     rows_of,
 )
-from eivor.signals.channels import CurveSide, unit_of
+from eivor.signals.channels import CurveSide
 from eivor.signals.recording import (
     HELICOPTER,
     ROTARY_WING,
@@ -47,75 +47,6 @@ def _add_air_density(reading: ardupilot.MessageReading, table: Messages) -> None
 
     if "air_temperature" in reading.channels:
         reading.add("air_density", table, values, "BARO.Press and .Temp")
-
-
-#: Labels of UNIT that are written otherwise here.
-LABELS = {"m/s/s": "m/s^2", "degheading": "deg"}
-#: Letters of multipliers that say nothing.
-UNTOLD = "?-"
-#: How far two factors may be apart, as a share: multipliers are logged in single precision.
-SAME = 1e-3
-
-
-def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
-    """Name the columns that the log declares to be in another unit than they are read in."""
-    letters, labels = _letters(tables), rows_of(tables, "UNIT", "Id", "Label")
-    named = {int(letter): LABELS.get(label, label) for letter, label in labels}
-    units = {
-        chr(letter): common.UNITS[label]
-        for letter, label in named.items()
-        if label in common.UNITS and letter > 0
-    }
-    multipliers = {
-        chr(int(letter)): value
-        for letter, value in rows_of(tables, "MULT", "Id", "Mult")
-        if 0 < letter < 128 and chr(int(letter)) not in UNTOLD and np.isfinite(value) and value > 0.0
-    }
-    doubts = {}
-    for source, unit in _columns_read():
-        table = tables.get(source.message)
-        if table is None or not unit or not table.has(source.column):
-            continue
-        of_unit, of_multiplier = letters.get(table.layout.number, {}).get(source.column, ("", ""))
-        declared = units.get(of_unit)
-        if declared is None:
-            continue
-        coded = table.layout.fields[source.column].factor
-        multiplier = coded if coded != 1.0 else multipliers.get(of_multiplier)
-        read = abs(source.factor_in(table)) * coded
-        label = source.label.removeprefix("-")
-        if declared[0] != unit:
-            doubts[label] = f"{label} in {declared[0] or 'no unit'}, read in {unit}"
-        elif multiplier is not None and abs(multiplier * declared[1] / read - 1.0) > SAME:
-            doubts[label] = f"{label} as {multiplier * declared[1]:.4g} {unit}, read as {read:.4g}"
-    sentence = "The log declares other units than are read (one stored): {}."
-    return common.noted("declared_units", sentence, "; ".join(doubts.values()))
-
-
-def _columns_read() -> Iterator[tuple[ardupilot.MessageSource, str]]:
-    """Columns that channels are made of, and the SI unit of those channels."""
-    for name, sources in ardupilot.CHANNEL_SOURCES.items():
-        for source in sources:
-            yield source, unit_of(name)
-    degree, turn = common.UNITS["deg"][1], common.UNITS["rpm"][1]
-    for column in ardupilot.ATTITUDE:
-        yield ardupilot.MessageSource("ATT", column, degree), "rad"
-    for column in ardupilot.RATE_SETPOINTS.values():
-        yield ardupilot.MessageSource("RATE", column, degree), "rad/s"
-    yield ardupilot.MessageSource("ESC", "RPM", turn), "rad/s"
-
-
-def _letters(tables: Mapping[str, Messages]) -> dict[int, dict[str, tuple[str, str]]]:
-    """Letters of unit and multiplier of each column, by number of the type."""
-    columns = {table.layout.number: list(table.layout.fields) for table in tables.values()}
-    return {
-        int(number): {
-            column: (unit, multiplier)
-            for column, unit, multiplier in zip(columns[int(number)], of_unit, of_multiplier, strict=False)
-        }
-        for number, of_unit, of_multiplier in rows_of(tables, "FMTU", "FmtType", "UnitIds", "MultIds")
-        if int(number) in columns
-    }
 
 
 #: Parameter of the low-pass, by the beginning of a channel's name.
@@ -551,7 +482,6 @@ def read_dataflash(file: Path, _options: common.ReadOptions) -> Recording:
             "Check LOG_BITMASK and LOG_BACKEND_TYPE, that the vehicle was armed, and that the beginning of "
             "the file is there, where messages are described (FMT).",
         )
-    findings += unit_findings(tables)
     findings += delay_findings(reading.heads.values(), parameters)
     sentence = "Not in force while its message is silent: {}."
     findings += common.noted("setpoint_silent", sentence, reading.inactive_setpoints)

@@ -33,7 +33,7 @@ CODES: Mapping[str, tuple[str, float]] = {
     "a": ("(32,)i2", 1.0),
 }
 #: Columns of texts, in the messages that are looked at; all others hold one number each.
-TEXTS = frozenset({"Message", "Name", "Label", "UnitIds", "MultIds", "FWS"})
+TEXTS = frozenset({"Message", "Name", "FWS"})
 _NAME = re.compile(rb"[A-Za-z0-9_]{1,4}\0*")
 #: FMT messages that are looked at: a sound log has some hundreds.
 MAX_FORMATS = 10_000

@@ -137,7 +137,7 @@ STATES = frozenset({"MODE", "EV", "ARM", "SIDS", "MSG", "VER", "PARM"})
 NEEDED = frozenset(
     {source.message for sources in CHANNEL_SOURCES.values() for source in sources}
     | {"NKF6", "XKF6", "EKF6", "NKF4", "XKF4", "XKFS", "ATT", "RCOU", "RCIN", "MOTB", "ESC"}
-    | {"MODE", "EV", "ARM", "MSG", "VER", "PARM", "SIDD", "SIDS", "FMTU", "UNIT", "MULT"}
+    | {"MODE", "EV", "ARM", "MSG", "VER", "PARM", "SIDD", "SIDS"}
     | ORIGIN_MESSAGES
 )
 
