@@ -395,7 +395,7 @@ DATABASE = rows("database", (CorruptLogError, EmptyLogError), of_database,
         "CREATE TABLE more(a INTEGER, b BLOB GENERATED ALWAYS AS (zeroblob(1000000000)))",
     )),
     ("UPDATE message_definitions SET encoded_message_definition = "
-        "'float64 x\n__import__(''os'').abort() y\n'", "where its type takes 12"),
+        "'float64 x\nfloat64 y \"__import__(''os'').abort()\"\n'", "where its type takes"),
 )  # fmt: skip
 PACKAGES = calls("package", MissingReaderError,
     (without("rosbags.rosbag1", partial(of_content, b"#ROSBAG V2.0\n")), r"pip install 'eivor\[ros\]'"),

@@ -28,7 +28,7 @@ from eivor.logs.dataflash import channels, messages, sources
 from eivor.logs.dataflash.messages import Messages, find_offsets, read_layouts
 from eivor.logs.read import declare_format, log_formats, readable_formats
 from eivor.logs.rosbag import topics
-from eivor.logs.rosbag.messages import decoded, message_layout, parsed_definition
+from eivor.logs.rosbag.messages import decoded, message_layout, parsed_types
 from eivor.logs.table.columnar import write_recording
 from eivor.logs.ulog.channels import _release
 from eivor.motions.vertical.select import INPUTS
@@ -399,7 +399,7 @@ def test_any_text_as_an_expression(text):
 
 
 def layout(message, text):
-    return message_layout(message, "a/B", parsed_definition(text, "a/B"), ros1=False)
+    return message_layout(message, "a/B", parsed_types(text, "a/B"), ros1=False)
 
 
 def of_another_kind(how, values):

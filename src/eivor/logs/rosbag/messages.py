@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
+from eivor.logs.common import DECODER_ERRORS
 from eivor.strict_toml import package_tables
 
 #: Bytes of the types that messages are made of; strings have a length of their own.
@@ -24,25 +26,13 @@ STRING = "string"
 PACKAGE = "px4_msgs"
 #: Longest text of a definition that is read [characters].
 MAX_TEXT = 1 << 18
-_LINE = re.compile(
-    r"([A-Za-z][A-Za-z0-9_/]*)(?:<=\d+)?(\[(?:<=)?\d{0,18}\])?\s+([A-Za-z][A-Za-z0-9_]*)\s*(=?)"
-)
-_NEXT = re.compile(r"^={40,}[ \t]*\nMSG:[ \t]*(\S+)[^\n]*\n", re.MULTILINE)
-#: Types that have another name in the text than elsewhere, by ROS 1's way of writing.
-_SHORT = {"Header": "std_msgs/Header"}
+#: A line that is a constant, whose names are written in more ways than the parser takes.
+_CONSTANT = re.compile(r"^[ \t]*\S+[ \t]+\w+[ \t]*=.*$", re.MULTILINE)
+_SEPARATOR = "=" * 80 + "\n"
 
-
-@dataclass(frozen=True, slots=True)
-class MessageField:
-    """One field of a message."""
-
-    name: str
-    kind: str  # A key of `SIZES`, "string", or the name of another type
-    count: int | None = None  # Number of values of an array
-
-
-#: Fields of each type, by "package/Type".
-Types = Mapping[str, tuple[MessageField, ...]]
+#: Fields of each type, by "package/Type": a name, a kind (a key of `SIZES`, "string", or the name of another
+#: type), and of an array the number of its values, -1 of a sequence.
+Types = Mapping[str, tuple[tuple[str, str, int | None], ...]]
 
 
 def type_name(name: str) -> str:
@@ -51,39 +41,33 @@ def type_name(name: str) -> str:
     return f"{package}/{rest.rpartition('/')[2]}" if rest else name
 
 
-def parsed_definition(text: str, name: str) -> dict[str, tuple[MessageField, ...]]:
-    """Return the types of a definition, with those that follow it in the same text."""
-    parts = _NEXT.split(text[:MAX_TEXT])
-    names = [name, *parts[1::2]]
-    return {
-        type_name(item): tuple(_fields(block, type_name(item)))
-        for item, block in zip(names, parts[0::2], strict=True)
-    }
+def parsed_types(text: str, name: str, *, is_idl: bool = False) -> Types:
+    """Return the types of a definition, with those that follow it in the same text, as far as it is sound."""
+    from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg
+
+    text, types = text[:MAX_TEXT], {}
+    if is_idl:
+        named = (part.partition("\n") for part in text.split(_SEPARATOR))
+        trees = [partial(get_types_from_idl, part) for head, _, part in named if head.startswith("IDL:")]
+        trees = trees or [partial(get_types_from_idl, text)]
+    else:
+        trees = [partial(get_types_from_msg, _CONSTANT.sub("", text), name)]
+    for parsed in trees:
+        with suppress(TypesysError, *DECODER_ERRORS):
+            for owner, (_, fields) in parsed().items():
+                types[type_name(owner)] = tuple((item, *_kind(described)) for item, described in fields)
+    return types
 
 
-def fields_of(text: str, owner: str) -> tuple[MessageField, ...]:
-    """Return the fields of one type, each on a line or separated by semicolons."""
-    return tuple(_fields(text.replace(";", "\n"), owner))
+def _kind(described: Any) -> tuple[str, int | None]:
+    """Kind and number of values of a node of the parser: its number, and what it is of."""
+    from rosbags.interfaces import Nodetype
 
-
-def _fields(block: str, owner: str) -> list[MessageField]:
-    results = []
-    for line in block.splitlines():
-        match = _LINE.match(line.partition("#")[0].strip())
-        if match is None or match[4]:
-            continue
-        kind, brackets, name = match[1], match[2], match[3]
-        count = None if brackets is None else int(brackets[1:-1]) if brackets[1:-1].isdigit() else -1
-        results.append(MessageField(name, _type_name(kind, owner), count))
-    return results
-
-
-def _type_name(kind: str, owner: str) -> str:
-    if kind in SIZES or kind in {STRING, "wstring", "time", "duration"}:
-        return kind
-    if "/" in kind:
-        return type_name(kind)
-    return _SHORT.get(kind, f"{owner.partition('/')[0]}/{kind}")
+    node, content = described
+    if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
+        inner, count = content
+        return _kind(inner)[0], count if node == Nodetype.ARRAY else -1
+    return str(content[0]) if node == Nodetype.BASE else type_name(str(content)), None
 
 
 #: Texts of types for bags without definitions: common ones, and those of each release of PX4.
@@ -93,7 +77,7 @@ _definitions = cache(partial(package_tables, "eivor.logs.rosbag", "definitions.t
 @cache
 def common_types() -> Types:
     """Return the fields of each type."""
-    return {name: fields_of(text, name) for name, text in _definitions()["types"].items()}
+    return _each_type(_definitions()["types"])
 
 
 @cache
@@ -102,46 +86,15 @@ def px4_releases() -> dict[str, Types]:
     releases: dict[str, Types] = {}
     so_far: Types = {}
     for number, changed in _definitions()["px4"].items():
-        full = {f"{PACKAGE}/{name}": text for name, text in changed.items()}
-        so_far = {**so_far, **{name: fields_of(text, name) for name, text in full.items()}}
+        so_far = {**so_far, **_each_type({f"{PACKAGE}/{name}": text for name, text in changed.items()})}
         releases[number] = so_far
     return releases
 
 
-_SEPARATOR = "=" * 80 + "\n"
-
-
-def idl_types(text: str) -> dict[str, tuple[MessageField, ...]]:
-    """Return the types of a definition; none where it cannot be parsed."""
-    from rosbags.typesys import TypesysError, get_types_from_idl
-
-    parts = [part.partition("\n")[2] for part in text[:MAX_TEXT].split(_SEPARATOR) if part.startswith("IDL:")]
-    types: dict[str, tuple[MessageField, ...]] = {}
-    for part in parts or [text[:MAX_TEXT]]:
-        try:
-            parsed = get_types_from_idl(part)
-        except (TypesysError, ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError):
-            continue
-        for name, (_, fields) in parsed.items():
-            types[type_name(name)] = tuple(_field(item, described) for item, described in fields)
-    return types
-
-
-def _field(name: str, described: Any) -> MessageField:
-    """A field of rosbags' parse tree: a node's number (base, name, array, sequence), and what it is of."""
-    from rosbags.interfaces import Nodetype
-
-    node, content = described
-    if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
-        inner, count = content
-        return MessageField(name, _idl_type(*inner), count if node == Nodetype.ARRAY else -1)
-    return MessageField(name, _idl_type(node, content))
-
-
-def _idl_type(node: Any, content: Any) -> str:
-    from rosbags.interfaces import Nodetype
-
-    return str(content[0]) if node == Nodetype.BASE else type_name(str(content))
+def _each_type(texts: Mapping[str, str]) -> Types:
+    """Types whose fields stand in lines or between semicolons, each in a text of its own."""
+    parsed = (parsed_types(text.strip().replace(";", "\n"), name) for name, text in texts.items())
+    return {name: fields for types in parsed for name, fields in types.items()}
 
 
 #: Bounds that no message comes near whose fields are of use here.
@@ -207,20 +160,20 @@ class _MessageWalk:
         known = self.types.get(kind)
         if known is None or not depth:
             raise UnsoundMessageError(f"the type {kind} is not known" if depth else "it is nested too deep")
-        for item in known:
-            self._field(item, f"{prefix}{item.name}", depth)
+        for name, of, count in known:
+            self._field(f"{prefix}{name}", of, count, depth)
 
-    def _field(self, message_field: MessageField, name: str, depth: int) -> None:
+    def _field(self, name: str, kind: str, count: int | None, depth: int) -> None:
         self.steps += 1
-        if message_field.count is None:
-            self._value(message_field.kind, name, depth)
+        if count is None:
+            self._value(kind, name, depth)
             return
-        count = self._length() if message_field.count < 0 else message_field.count
-        if message_field.kind in SIZES:
-            self._numbers(message_field.kind, name, count)
+        count = self._length() if count < 0 else count
+        if kind in SIZES:
+            self._numbers(kind, name, count)
             return
         for index in range(count):
-            self._value(message_field.kind, f"{name}[{index}]", depth)
+            self._value(kind, f"{name}[{index}]", depth)
 
     def _value(self, kind: str, name: str, depth: int) -> None:
         self.steps += 1
@@ -233,9 +186,6 @@ class _MessageWalk:
             if length:
                 self.fields[name] = (self.position, f"S{length}")
             self._skip(length)
-        elif kind in {"time", "duration"}:
-            self._numbers("uint32", f"{name}.sec", None)
-            self._numbers("uint32", f"{name}.nanosec", None)
         else:
             self.take(kind, f"{name}.", depth - 1)
 

@@ -18,9 +18,8 @@ from eivor.logs.rosbag.messages import (
     MessageLayout,
     common_types,
     decoded,
-    idl_types,
     message_layout,
-    parsed_definition,
+    parsed_types,
     type_name,
 )
 from eivor.signals.channels import roll_pitch_yaw
@@ -161,7 +160,7 @@ class RawTopic:
         """What gives the layout of a message, by the bag's own definition or else by a common one."""
         types = {**common_types()}
         if self.text:
-            types |= idl_types(self.text) if self.is_idl else parsed_definition(self.text, self.kind)
+            types |= parsed_types(self.text, self.kind, is_idl=self.is_idl)
         return lambda message: message_layout(message, self.kind, types, ros1=self.ros1)
 
 
