@@ -24,14 +24,10 @@ from eivor.exports.autopilots import thrust_linear
 from eivor.exports.fitted import Supplied
 from eivor.exports.simulators import SIMULATORS, URDF, WITH_LARGEST
 from eivor.exports.vehicle import (
-    COUPLING,
     EFFECTS,
-    IN_STEP,
     LACKS,
-    OF_SPEED,
     REPLAY_SPEED,
     REPLAY_STEP_S,
-    TURNING,
     by_quarters,
     coefficients,
     describe,
@@ -285,9 +281,10 @@ def test_a_simulator_turns_as_the_result_predicts(to, consumer, most, lopsided, 
 
 def held(made, commands, lacking):
     """States of a vehicle without what a simulator cannot hold."""
-    names = {name for effect in lacking for name in EFFECTS.get(effect, ())}
+    rows = [EFFECTS[effect] for effect in lacking]
+    names = {name for row in rows if "alike" not in row for name in row["numbers"]}
     rest = {name: column for name, column in made.values.items() if name not in names}
-    rest |= dict.fromkeys(names & set(EFFECTS[TURNING]), np.zeros(1))
+    rest |= dict.fromkeys(names & set(EFFECTS["turning"]["numbers"]), np.zeros(1))
     return replayed(replace(made, values=rest), commands)
 
 
@@ -434,7 +431,7 @@ def test_a_frame_of_sitl_turns_as_what_it_holds(tmp_path):
     like_x = made.values | dict.fromkeys(("drag_y", "drag_z"), made.values["drag_x"])
     without = replace(made, values={name: x for name, x in like_x.items() if name != "actuator_lag"})
     commands[20:, 0] *= 1.02  # which yaws, too
-    states = replayed(without, commands, (IN_STEP, COUPLING))
+    states = replayed(without, commands, ("in_step", "coupling"))
     assert np.degrees(np.arccos(1.0 - 2.0 * (states[:, 7:9] ** 2).sum(axis=1)).max()) > 30.0
     # motors 1 to 4: front right, rear left, front left, rear right
     turned = sitl_flown(frame, commands[:, [0, 2, 3, 1]] / 2500.0)
@@ -447,7 +444,7 @@ def test_a_lag_of_thrust_is_that_of_squared_speeds(tmp_path):
     known = Supplied(priors=given, vehicle=load_vehicle(documents.vehicle_file(tmp_path)))
     made = describe(fit.fitted, known, "all", WITH_LARGEST)
     commands = np.full((100, 4), 1.2 * rotors_of(made)["hover_speed"][0])
-    ends = [replayed(made, commands, lacking)[-1, 5] for lacking in ((), (OF_SPEED,))]
+    ends = [replayed(made, commands, lacking)[-1, 5] for lacking in ((), ("of_speed",))]
     expected = [documents.climb(1.2, 0.5, lagged=lagged) for lagged in ("speed", "thrust")]
     assert np.diff(ends) == pytest.approx(np.diff(expected), rel=0.05)
 

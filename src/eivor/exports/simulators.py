@@ -189,7 +189,7 @@ def _mujoco_vehicle(fitted: Fitted, supplied: Supplied) -> VehicleDescription:
     """With all that MuJoCo lacks: an ellipsoid drags along all axes or along none."""
     made = vehicle.describe(fitted, supplied, "MuJoCo", vehicle.BODY)
     if 0 < sum(name in made.values for name in vehicle.QUADRATIC) < len(vehicle.QUADRATIC):
-        return vehicle.describe(fitted, supplied, "MuJoCo", vehicle.BODY, also=(vehicle.SQUARE,))
+        return vehicle.describe(fitted, supplied, "MuJoCo", vehicle.BODY, also=("square",))
     return made
 
 
@@ -370,8 +370,8 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         "SIH_L_ROLL": value["arm_scale"] * sideways,
         "SIH_L_PITCH": value["arm_scale"] * forward,
         "SIH_T_TAU": value["actuator_lag"],
-        "SIH_KDV": vehicle.alike(value, vehicle.OTHER_THAN_Z),
-        "SIH_KDW": vehicle.alike(value, vehicle.TURNING_OTHER),
+        "SIH_KDV": vehicle.alike(value, "other_than_z"),
+        "SIH_KDW": vehicle.alike(value, "turning_other"),
         "THR_MDL_FAC": 0.0,
     }
     hover = value["mass"] * GRAVITY / (made.vehicle.count * largest)
@@ -429,14 +429,14 @@ def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription,
         made = replace(made, lost=(*made.lost, text), comments=(*made.comments, text))
     hover = vehicle.manoeuvre(made, 0.0)[0] / vehicle.rotors_of(made)["hover_speed"]
     linear, quadratic = (
-        vehicle.alike(value, vehicle.OTHER_THAN_X),
-        vehicle.alike(value, vehicle.QUADRATIC_OTHER),
+        vehicle.alike(value, "other_than_x"),
+        vehicle.alike(value, "quadratic_other"),
     )
     disc = count * math.pi * (made.vehicle.rotor_radius or 0.25 * diagonal) ** 2
     push, tilted = weight * math.tan(SITL_TILT), linear * math.cos(SITL_TILT) ** 1.5
     steady = max(tilted + math.sqrt(tilted**2 + 4.0 * quadratic * push), 2.0 * push / SITL_FASTEST)
     of_rotors = linear / count * float(np.square(at[:, 1:]).sum())
-    damping = (vehicle.alike(value, vehicle.TURNING_OTHER) - of_rotors) / value["inertia_xx"]
+    damping = (vehicle.alike(value, "turning_other") - of_rotors) / value["inertia_xx"]
     frame = SITL_TYPICAL | {
         "mass": value["mass"],
         "diagonal_size": diagonal,

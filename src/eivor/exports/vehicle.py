@@ -47,8 +47,12 @@ if TYPE_CHECKING:
 Column = Float[np.ndarray, " n"]
 Columns = Mapping[str, Column]
 
+_TABLES = package_tables("eivor.exports", "vehicle.toml")
 #: What each number is, in the order of files.
-WORDS: Mapping[str, str] = package_tables("eivor.exports", "vehicle.toml")["words"]
+WORDS: Mapping[str, str] = _TABLES["words"]
+#: What not every simulator has, and what each lacks; see the file.
+EFFECTS: Mapping[str, Mapping[str, Any]] = _TABLES["effects"]
+LACKS: Mapping[str, list[str]] = _TABLES["lacks"]
 INERTIAS = ("inertia_xx", "inertia_yy", "inertia_zz")
 DRAGS = ("drag_x", "drag_y", "drag_z")
 CENTRE = ("centre_of_mass_forward", "centre_of_mass_left")
@@ -56,64 +60,6 @@ TORQUES = ("roll_drag", "pitch_drag", "yaw_drag")
 QUADRATIC = ("quadratic_drag_x", "quadratic_drag_y", "quadratic_drag_z")
 BEYOND = ("translational_lift", "rotor_inertia")
 HEIGHT = "drag_height"
-#: What not every simulator has, by the words for it.
-EFFECTS = {
-    (OFF_CENTRE := "centre of mass beside the rotors' middle"): CENTRE,
-    (DRAG_ACROSS := "drag across the rotors' axes"): DRAGS[:2],
-    (DRAG_ALONG := "drag along the rotors' axes"): DRAGS[2:],
-    (TURNING := "torque against turning"): TORQUES,
-    (BESIDE_ROTORS := f"{TURNING} beside that of its rotors' drag"): TORQUES,
-    (BESIDE_ACROSS := f"{BESIDE_ROTORS} across their axes"): TORQUES,
-    (BELOW_ROTORS := f"{TURNING} below that of its rotors' drag"): TORQUES,
-    (LEVER := "drag beside the centre of mass"): (*CENTRE, HEIGHT),  # of one whose drag acts in it
-    (ABOVE := "rotors above the centre of mass"): (HEIGHT,),
-    (SQUARE := "quadratic drag"): QUADRATIC,
-    (LIFT := "translational lift"): BEYOND[:1],
-    (REACTION := "rotor inertia"): BEYOND[1:],
-    (LAG := "lag of the rotors"): ("actuator_lag", "second_lag", "lag_asymmetry"),
-    (LATE := "delay of the commands"): ("delay",),
-    (SECOND_STAGE := "second stage of the rotors' lag"): ("second_lag",),
-    (UP_AND_DOWN := "other lag of the rotors upward than downward"): ("lag_asymmetry",),
-    # of one whose rotors' torque goes with thrust times signal, its change about hover as it should be
-    (IN_STEP := "yaw torque in step with thrust"): (),
-    (OF_SPEED := "lag of the rotors' speed in place of their thrust's"): (),
-    (COUPLING := "gyroscopic coupling of the rates"): (),
-}
-#: What some simulators have alike: numbers of an effect, and those whose mean takes their place.
-ALIKE = {
-    (OTHER_THAN_Z := "drag across the rotors' axes other than along z"): (DRAGS[:2], DRAGS[2:]),
-    (ACROSS := "drag along x and y other than their mean"): (DRAGS[:2], DRAGS[:2]),
-    (OTHER_THAN_X := "drag along y and z other than along x"): (DRAGS[1:], DRAGS[:1]),
-    (QUADRATIC_OTHER := "quadratic drag along y and z other than along x"): (QUADRATIC[1:], QUADRATIC[:1]),
-    (TURNING_OTHER := "torque against turning other than about x"): (TORQUES[1:], TORQUES[:1]),
-}
-TIMING = (LATE, SECOND_STAGE, UP_AND_DOWN)
-_GAZEBO = (DRAG_ALONG, BESIDE_ACROSS, SQUARE, LIFT, ACROSS, *TIMING[:2])
-#: What simulators lack; others have no delay and one lag.
-LACKS = {
-    "a simulated flight": (SECOND_STAGE,),
-    "a state space": (SECOND_STAGE, UP_AND_DOWN),
-    **dict.fromkeys(("CasADi", "drone-models", "PyBullet"), TIMING[:2]),
-    "a model of PX4": (*_GAZEBO, OFF_CENTRE, REACTION, ABOVE),
-    "Gazebo": _GAZEBO,
-    "gym-pybullet-drones": (TURNING, SQUARE, LIFT, REACTION, LAG, ACROSS, LATE),
-    "Isaac Lab": (TURNING, LEVER, SQUARE, LIFT, *TIMING, DRAG_ACROSS, REACTION),
-    "MuJoCo": (LIFT, REACTION, OF_SPEED, *TIMING),
-    "RotorPy": (BESIDE_ROTORS, REACTION, ACROSS, *TIMING),
-    "SIH": (OFF_CENTRE, SQUARE, LIFT, REACTION, ABOVE, OTHER_THAN_Z, TURNING_OTHER, OF_SPEED, *TIMING),
-    "SITL": (
-        OTHER_THAN_X,
-        QUADRATIC_OTHER,
-        TURNING_OTHER,
-        BELOW_ROTORS,
-        IN_STEP,
-        COUPLING,
-        LIFT,
-        REACTION,
-        LAG,
-        LATE,
-    ),
-}
 
 
 @dataclass(frozen=True)
@@ -213,7 +159,7 @@ def describe(
     seed: int = 0,
     also: tuple[str, ...] = (),
 ) -> VehicleDescription:
-    """Vehicle of a result for a simulator, with what it lacks, also beside the words of `LACKS`."""
+    """Vehicle of a result for a simulator, with what it lacks, also beside those of `LACKS`."""
     if fitted.model not in MADE_OF:
         raise UsageError(
             f"a result of the vertical motion or the rigid body for {target}",
@@ -246,7 +192,7 @@ def describe(
     hover = fitted.input_map.inverse(float(mapped_hover(made)[0])) if "thrust" in values else 0.0
     if (most := float(values.get("largest_command", [math.inf])[0])) <= hover:
         raise UsageError(f"a largest command above that at hover, {hover:.6g}", f"{most:.6g}", "Correct it.")
-    lacks = (*LACKS.get(target, TIMING), *also)
+    lacks = (*LACKS.get(target, LACKS["others"]), *also)
     lost = (*_lost(made, target, lacks), *fitted.left_over(target, ELSEWHERE)) if draws is None else ()
     return replace(made, comments=(*comments, *lost), lost=lost)
 
@@ -608,7 +554,7 @@ def replayed(
     made: VehicleDescription, commands: Float[np.ndarray, "steps rotors"], lacking: Collection[str] = ()
 ) -> Float[np.ndarray, "steps 13"]:
     """States of the body under commands, from hover, without effects that have no numbers."""
-    c, power = coefficients(made, lever=LEVER not in lacking), exponent_at_hover(made)
+    c, power = coefficients(made, lever="lever" not in lacking), exponent_at_hover(made)
     step, spins = runge_kutta(c, REPLAY_STEP_S), c.torque_ratio * np.array(made.vehicle.spins)
     decay, inertia = math.exp(-REPLAY_STEP_S * c.rate_up), np.array(c.inertia[:3])
     body: Any = [0.0, 0.0, 0.0, REPLAY_SPEED, REPLAY_SPEED, 0.0, 1.0, *[0.0] * 6]
@@ -616,12 +562,12 @@ def replayed(
     speeds: Any = hover.tolist()
     for wanted in commands:
         command, now, torque = wanted, np.array(speeds), [0.0, 0.0, 0.0]
-        if OF_SPEED in lacking:  # what reaches the same as a lag of the square
+        if "of_speed" in lacking:  # what reaches the same as a lag of the square
             command = (np.sqrt(decay * now**2 + (1.0 - decay) * wanted**2) - decay * now) / (1.0 - decay)
-        if IN_STEP in lacking:
+        if "in_step" in lacking:
             over = power / (1.0 + power) * (now / hover) ** (2.0 / power) - 1.0
             torque[2] = float(c.thrust_quadratic * now**2 @ (spins * over))
-        if COUPLING in lacking:
+        if "coupling" in lacking:
             torque = (torque + np.cross(body[10:13], inertia * body[10:13])).tolist()
         body, speeds = step(body, speeds, command.tolist(), STILL, (torque[0], torque[1], torque[2]))
         states.append(body)
@@ -649,7 +595,8 @@ def held_back(
 
 def alike(value: Mapping[str, float], effect: str) -> float:
     """The one number that a simulator has in place of several: zero where none is known."""
-    numbers = [[value[name] for name in names if name in value] for names in reversed(ALIKE[effect])]
+    row = EFFECTS[effect]
+    numbers = [[value[name] for name in row[key] if name in value] for key in ("alike", "numbers")]
     return float(np.mean(next(filter(None, numbers), [0.0])))
 
 
@@ -659,12 +606,16 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
     turned, across = (turned_by_rotors(made, share)[:, 0] for share in (1.0, 0.0))
     whole_turned = dict(zip(TORQUES, turned.tolist(), strict=True)) | value
     least = np.maximum(turned, [whole_turned[name] for name in TORQUES])
-    turning = {TURNING: 0.0 * turned, BESIDE_ROTORS: turned, BESIDE_ACROSS: across, BELOW_ROTORS: least}
+    turning = {
+        "turning": 0.0 * turned,
+        "beside_rotors": turned,
+        "beside_across": across,
+        "below_rotors": least,
+    }
     for effect in lacks:
-        has, held = dict.fromkeys(EFFECTS.get(effect, ()), 0.0), value
-        if effect in ALIKE:
-            has = dict.fromkeys(ALIKE[effect][0], alike(value, effect))
-        elif effect in turning:  # The rotors' drag turns, identified or not
+        row, held = EFFECTS[effect], value
+        has = dict.fromkeys(row["numbers"], alike(value, effect) if "alike" in row else 0.0)
+        if effect in turning:  # The rotors' drag turns, identified or not
             has, held = dict(zip(TORQUES, turning[effect].tolist(), strict=True)), whole_turned
         names = tuple(
             name
@@ -672,7 +623,7 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
             if not math.isclose(held.get(name, number), number, rel_tol=1e-6)
             and number > made.none.get(name, -math.inf)
         )
-        if not names and EFFECTS.get(effect, True):
+        if not names and row["numbers"]:
             continue
         if whole is None:
             commands = manoeuvre(made, 20.0)
@@ -680,9 +631,9 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
             commands = manoeuvre(made, 20.0 * min(REPLAY_TILT / tilt, 5.0))
             whole = replayed(*held_back(made, commands))
         rest = {name: column for name, column in made.values.items() if name not in names}
-        if effect in turning or effect in ALIKE:
+        if effect in turning or "alike" in row:
             rest |= {name: np.full(1, has[name]) for name in names}
-        kept = made if effect == LEVER else replace(made, values=rest)
+        kept = made if effect == "lever" else replace(made, values=rest)
         without = replayed(*held_back(kept, commands), (effect,))
         cosine = np.abs((whole[:, 6:10] * without[:, 6:10]).sum(axis=1)).clip(max=1.0)
         angle = math.degrees(2.0 * np.arccos(cosine).max())
@@ -690,7 +641,7 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
         gone = [
             f"{name} {value[name]:.4g}"
             for name in names
-            if name in value and name not in made.none and (effect != LEVER or name == HEIGHT)
+            if name in value and name not in made.none and (effect != "lever" or name == HEIGHT)
         ]
         left_out = f", and {', '.join(gone)} not in this file" if gone else ""
         forced = [
@@ -699,10 +650,10 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
             if name in made.none
         ]
         left_out += f", and its rotors' drag makes {'; '.join(forced)}" if forced else ""
-        remedy = f" Hold its commands back by {value['delay']:.4g} s." if effect == LATE else ""
+        remedy = f" Hold its commands back by {value['delay']:.4g} s." if effect == "late" else ""
         manoeuvred = f"a manoeuvre of {REPLAY_S:g} s to {math.degrees(REPLAY_TILT):.0f} degrees"
         errors = f"errs by {float(f'{angle:.2g}'):g} degrees and {speed:.2g} m/s"
-        yield f"{re.sub('^a ', 'A ', target)} has no {effect}{left_out}: {manoeuvred} {errors}.{remedy}"
+        yield f"{re.sub('^a ', 'A ', target)} has no {row['words']}{left_out}: {manoeuvred} {errors}.{remedy}"
 
 
 # -- Templates --
