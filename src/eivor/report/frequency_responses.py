@@ -29,7 +29,7 @@ from eivor.models.transfer_functions import (
     transfer_functions,
 )
 from eivor.motions.equation import DeclaredMotion
-from eivor.motions.rates.motion import AXES, BAND_SHARE, OneAxis, Rates
+from eivor.motions.rates.motion import AXES, BAND_SHARE, Rates
 from eivor.motions.table import motion_by_name
 from eivor.report import figure_panels as plots
 from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, section, table
@@ -86,7 +86,7 @@ class ResponsePath:
 
 
 TURNING = {
-    item.name: ResponsePath(OneAxis(item), item.rate, item.references, item.torque, turns=True)
+    item.name: ResponsePath(Rates((item,)), item.rate, item.references, item.torque, turns=True)
     for item in AXES
 }
 

@@ -36,40 +36,8 @@ from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, equation_
 from eivor.signals.recording import HELICOPTER, Channel, Finding, Recording
 from eivor.tools import Float
 
-
-@dataclass(frozen=True)
-class Axis:
-    """One axis."""
-
-    name: str  # "roll", "pitch" or "yaw"
-    number: int
-    rate: str  # Channel of the rate
-    torque: str  # Channel of the setpoint
-    references: tuple[ReferenceSource, ...]  # Channels that may be instruments
-
-
-#: Setpoints across the ground that tilt the vehicle about an axis.
-TILTED_BY = {"roll": HEADED["left"], "pitch": HEADED["forward"]}
-
-
-def _axis(number: int, name: str, letter: str) -> Axis:
-    return Axis(
-        name,
-        number,
-        f"angular_rate_{letter}",
-        f"torque_setpoint_{letter}",
-        (
-            ReferenceSource(f"injected_torque_{letter}", axis=name),
-            ReferenceSource(f"reference_{name}", axis=name),
-            ReferenceSource(f"reference_angular_rate_{letter}", axis=name),
-            *(ReferenceSource(channel, axis=name, distant=True) for channel in TILTED_BY.get(name, ())),
-            ReferenceSource(f"pilot_{name}", in_control="pilot_sets_attitude", axis=name),
-            ReferenceSource(f"feedback_reference_{name}", axis=name),
-        ),
-    )
-
-
-AXES = ROLL, PITCH, YAW = _axis(0, "roll", "x"), _axis(1, "pitch", "y"), _axis(2, "yaw", "z")
+TABLES = motion_tables("eivor.motions.rates")
+QUANTITIES = quantity.QuantityTable(TABLES.quantities)
 TORQUE = "torque_setpoint"
 
 #: Lags of each reference: how many, and their time constant [s]. Rates follow within a tenth of a second.
@@ -80,37 +48,57 @@ REFERENCE_LAGS = (4, 0.06)
 LAGS_S = np.geomspace(0.004, 0.15, 30)
 DELAYS_S = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030)
 
+#: Setpoints across the ground that tilt the vehicle about an axis.
+TILTED_BY = {"roll": HEADED["left"], "pitch": HEADED["forward"]}
 
-TABLES = motion_tables("eivor.motions.rates")
-QUANTITIES = quantity.QuantityTable(TABLES.quantities)
+
+class Axis(AxisEquation):
+    """Turning about one of the body's axes: p' = G u - D p, about yaw with a reaction J u'."""
+
+    @property
+    def torque(self) -> str:
+        """Channel of the setpoint."""
+        return self.inputs[0]
+
+    @property
+    def rate(self) -> str:
+        """Channel of the rate."""
+        return self.torque.replace(TORQUE, "angular_rate")
 
 
-def _term(name: str, of: str, *, behind: bool) -> Term:
+def _term(name: str, of: str, *, behind: bool = True) -> Term:
     return Term(name, of, QUANTITIES[name].symbol, QUANTITIES[name].unit, behind)
 
 
-def _equation(axis: Axis) -> AxisEquation:
-    """P' = G u - D p, with the reaction J u' to the rotors' acceleration about yaw."""
+def _axis(name: str, letter: str) -> Axis:
+    rate, torque = f"angular_rate_{letter}", f"{TORQUE}_{letter}"
     terms = [
-        _term(f"{axis.name}_damping", f"-{axis.rate}", behind=False),
-        _term(f"{axis.name}_effectiveness", axis.torque, behind=True),
+        _term(f"{name}_damping", f"-{rate}", behind=False),
+        _term(f"{name}_effectiveness", torque),
+        *([_term("yaw_reaction", f"ddt({torque})")] if name == "yaw" else ()),
     ]
-    if axis is YAW:
-        terms.append(_term("yaw_reaction", f"ddt({axis.torque})", behind=True))
-    return AxisEquation(
-        axis.name,
-        (axis.torque,),
-        (f"ddt({axis.rate})",),
+    references = (
+        ReferenceSource(f"injected_torque_{letter}", axis=name),
+        ReferenceSource(f"reference_{name}", axis=name),
+        ReferenceSource(f"reference_angular_rate_{letter}", axis=name),
+        *(ReferenceSource(channel, axis=name, distant=True) for channel in TILTED_BY.get(name, ())),
+        ReferenceSource(f"pilot_{name}", in_control="pilot_sets_attitude", axis=name),
+        ReferenceSource(f"feedback_reference_{name}", axis=name),
+    )
+    return Axis(
+        name,
+        (torque,),
+        (f"ddt({rate})",),
         tuple(terms),
-        (f"{axis.name} acceleration", "rad/s²", "G u − D ω", "G u"),
-        axis.references,
+        (f"{name} acceleration", "rad/s²", "G u − D ω", "G u"),
+        references,
         REFERENCE_LAGS,
-        (axis.rate, f"{axis.name} rate", "rad/s"),
+        (rate, f"{name} rate", "rad/s"),
     )
 
 
-EQUATIONS = tuple(_equation(axis) for axis in AXES)
-TERMS = tuple(term.name for equation in EQUATIONS for term in equation.terms)
+AXES = ROLL, PITCH, YAW = _axis("roll", "x"), _axis("pitch", "y"), _axis("yaw", "z")
+TERMS = tuple(term.name for axis in AXES for term in axis.terms)
 EFFECTS = tuple(f"{axis.name}_effectiveness" for axis in AXES)
 
 
@@ -137,14 +125,13 @@ LEVELS = ("input", "rotor_command", "rotor_speed")
 FASTEST_RATE = 40.0
 
 
-def selected(log: Recording, options: FlightOptions, alone: Axis | None = None) -> Selection:
-    """Channels of a log by role, of one axis alone or of all that are logged."""
+def selected(log: Recording, options: FlightOptions, offered: tuple[Axis, ...]) -> Selection:
+    """Channels of a log by role, of the axes that are logged."""
     check_vehicle(log, options, HELICOPTER)  # its blades turn it, behind a lag of their own
     remedy = "Log the torque setpoints at 50 Hz or more"
     family, _ = chosen_input(log, TABLES.channels.inputs, options.input, remedy=remedy)
     if family.name != TORQUE:
         raise UsageError(f"the input {TORQUE} for turning", f"'{options.input}'", "Leave --input out.")
-    offered = AXES if alone is None else (alone,)
     axes = [axis for axis in offered if axis.torque in log.channels and axis.rate in log.channels]
     if not axes:
         needed = " or ".join(f"{axis.torque} with {axis.rate}" for axis in offered)
@@ -334,7 +321,7 @@ LAG = verdict.Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER)
 
 def axis_rules(axis: Axis) -> tuple[verdict.Rule, ...]:
     """Rows of the quantities of an axis."""
-    damping, effect, *_ = names = [term.name for term in EQUATIONS[axis.number].terms]
+    damping, effect, *_ = names = [term.name for term in axis.terms]
     opposite = f"setpoint and rate of {axis.name} have opposite signs"
     check = f"Check the axes and signs of {axis.torque} and {axis.rate}."
     pushed = "a torque of the air moved with the references"
@@ -389,8 +376,9 @@ def excitation(flights: Flights) -> str:
 class Rates(DeclaredMotion):
     """p' = G u - D p + b about each axis, behind the lag of the actuators."""
 
+    axes: tuple[Axis, ...] = AXES
+
     name = "rates"
-    axes = EQUATIONS
     grids = LAGS_S, DELAYS_S
     words = TABLES.words
     equation = TABLES.equation
@@ -400,13 +388,13 @@ class Rates(DeclaredMotion):
     channels = replace(TABLES.channels, references=REFERENCES)
     abilities = Abilities(
         refined=chosen_order,
-        prediction=Prediction(simple_models, multi_step=partial(equation_prediction, EQUATIONS)),
+        prediction=Prediction(simple_models, multi_step=partial(equation_prediction, AXES)),
         excitation=excitation,
         coupled_axes=TABLES.coupled_axes,
     )
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
-        return selected(log, options)
+        return selected(log, options, self.axes)
 
     def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
         problem = super().problem(flights, rule)
@@ -424,13 +412,3 @@ class Rates(DeclaredMotion):
     def view(self, flight: PreparedFlight) -> FlightView:
         symbols = f"u = {flight.input.name} of each axis, behind a lag τ and a delay d that all share"
         return FlightView(symbols, tuple(rate_panel(flight, axis) for axis in turning((flight,))))
-
-
-@dataclass(frozen=True)
-class OneAxis(Rates):
-    """Turning about one axis, which is all that the log needs to hold."""
-
-    axis: Axis = ROLL
-
-    def select(self, log: Recording, options: FlightOptions) -> Selection:
-        return selected(log, options, self.axis)

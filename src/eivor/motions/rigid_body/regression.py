@@ -293,7 +293,7 @@ class AxisInstruments:
 
     def _references(self, axis: int, lags: tuple[int, float]) -> Float[np.ndarray, "n p"]:
         """References of an axis with their lags; those of no axis of turning are of height."""
-        turning = {source.channel: item.number for item in AXES for source in item.references}
+        turning = {source.channel: number for number, item in enumerate(AXES) for source in item.references}
         names = tuple(name for name in self.rule.channels if turning.get(name, FORCE_Z_EQUATION) == axis)
         signals = self.flight.signals
         return replace(self.rule, channels=names, lags=lags).columns(signals, np.zeros(signals.sample_count))
