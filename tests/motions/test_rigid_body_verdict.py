@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -246,19 +247,20 @@ def sine(frequency_hz: float, late_s: float = 0.0) -> np.ndarray:
     ("taken_s", "left_s"), [(0.0, OWN_S), (OWN_S, 0.0), (OWN_S + 0.02, 0.0), (0.002, OWN_S - 0.002)]
 )
 def test_a_delay_that_was_taken_off_the_stamps_is_not_applied_again(taken_s, left_s):
-    onboard_filter = regression.OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, taken_s)(sine(1.0))
+    onboard_filter = regression.filtered(sine(1.0), STEP_S, ONBOARD_CUTOFF_HZ, taken_s)
     np.testing.assert_allclose(onboard_filter[INNER], sine(1.0, left_s)[INNER], atol=2e-4)
 
 
 def test_what_is_more_than_a_delay_is_left():
-    result = regression.OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, OWN_S)(sine(20.0))[INNER]
+    result = regression.filtered(sine(20.0), STEP_S, ONBOARD_CUTOFF_HZ, OWN_S)[INNER]
     amplitude = np.sqrt(2.0 * np.mean(result**2))
     assert amplitude == pytest.approx(1.0 / np.sqrt(1.0 + (20.0 / ONBOARD_CUTOFF_HZ) ** 4), rel=0.01)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_columns_of_filtered_rates_do_not_pass_the_filter_twice():
-    sensor = regression.OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, 0.0)
+    taken = {"step_s": STEP_S, "cutoff_hz": ONBOARD_CUTOFF_HZ, "taken_s": 0.0}
+    sensor = partial(regression.filtered, **taken)
     late = low_passed(sine(5.0)[:, None], step_s=STEP_S, cutoff_hz=ONBOARD_CUTOFF_HZ)[:, 0]
     terms = {term.parameter: replace(term, formula=lambda of, _: of) for term in regression.TERMS}
     axis = regression.PITCH_EQUATION

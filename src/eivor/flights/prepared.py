@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -480,6 +480,15 @@ class PreparedFlight:
         level = self.used_input
         least = CONSTANT_INPUT_SHARE * max(float(np.abs(level).max(initial=0.0)), 1e-12)
         return bool(self.runs) and float(level.std(axis=0).max()) <= least
+
+
+def deviations(flights: Sequence[PreparedFlight], channels: Iterable[tuple[str, str, str, float]]) -> str:
+    """Standard deviations over the time used: words, name and shown unit of each channel, and its scale."""
+    parts = []
+    for words, name, unit, scale in channels:
+        used = np.concatenate([flight.signals.channel(name)[flight.used] for flight in flights])
+        parts.append(f"{words} {scale * used.std():.2g} {unit}".strip())
+    return f"Standard deviations: {', '.join(parts)}."
 
 
 def mask_of(runs: Sequence[slice], count: int) -> Bool[np.ndarray, " n"]:

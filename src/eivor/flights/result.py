@@ -103,8 +103,6 @@ class FitDiagnostics:
     memory: residuals.ResidualMemory | None
     #: Memory of each axis' residual, where there are several
     memory_by_axis: Mapping[str, residuals.ResidualMemory]
-    residual_variance: float
-    condition: float
     durbin_watson: float
     r_squared: float
 
@@ -128,8 +126,6 @@ def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnos
         leverage=run_leverage(record),
         memory=residuals.residual_memory(residual),
         memory_by_axis={axis: memory for axis, memory in by_axis.items() if memory is not None},
-        residual_variance=estimate.equation.variance,
-        condition=estimate.condition,
         durbin_watson=float(np.sum(np.diff(residual) ** 2)) / left if left > 0.0 else 2.0,
         r_squared=1.0 - left / power if power > 0.0 else NAN,
     )
@@ -149,8 +145,8 @@ def fit_numbers(checks: FitDiagnostics, estimate: Estimate, headline: tuple[str,
         "over_identification_J": 0.0 if agreement is None else agreement.J,
         "over_identification_p_value": 1.0 if agreement is None else agreement.p_value,
         "instrument_rank": float(checks.rank),
-        "residual_variance": checks.residual_variance,
-        "condition": checks.condition,
+        "residual_variance": estimate.equation.variance,
+        "condition": estimate.condition,
         "durbin_watson": checks.durbin_watson,
         "r_squared": checks.r_squared,
         "residual_memory": NAN if memory is None else memory.memory,

@@ -7,45 +7,20 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 from os import PathLike
 from types import MappingProxyType, NoneType
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 from eivor import checks
 from eivor.errors import EivorError, InputError, PoolingError, UsageError
-from eivor.estimation.linear import Method
 from eivor.flights.estimate import FlightState
 from eivor.flights.identify import identified, with_coupled_axes
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions, check_window
-from eivor.flights.references import Declared
 from eivor.flights.result import FlightEstimate, LogEstimate
-from eivor.models.separable import Bounds, Prior
 from eivor.motions.table import DEFAULT, USUAL_MOTIONS, motion_by_name
 from eivor.signals.recording import Recording
 from eivor.tools import Progress, no_stage_callback
 
 READ_FIRST = 'Read the file first: ev.identify_flight(ev.read_log("flight.ulg")).'
-
-
-class OptionChoices(TypedDict, total=False):
-    """Fields of `FlightOptions`, named one by one."""
-
-    window: tuple[float, float]
-    max_tilt_deg: float
-    input: str
-    input_map: str
-    instruments: tuple[str, ...]
-    method: str | Method
-    compare: bool
-    lag: Prior | Bounds | None
-    align: bool
-    accelerometer_bias: float
-    pool_friction: str
-    pool_anyway: bool
-    terms: tuple[str, ...]
-    rotor_radius: float | None
-    controller_rate_hz: float | None
-    order: int | None
-    noise: Mapping[str, Declared] | str | None
 
 
 def identify_flight(
@@ -56,7 +31,7 @@ def identify_flight(
     model: str | PathLike[str] | Motion[Any] = DEFAULT,
     vehicle: str | PathLike[str] = "",
     progress: Progress = no_stage_callback,
-    **choices: Unpack[OptionChoices],
+    **choices: Any,
 ) -> FlightEstimate:
     """Identify a motion from a flight, or from several flights of one vehicle together.
 
@@ -113,7 +88,7 @@ def identify_log(
     models: Sequence[str | PathLike[str] | Motion[Any]] = (),
     vehicle: str | PathLike[str] = "",
     progress: Progress = no_stage_callback,
-    **choices: Unpack[OptionChoices],
+    **choices: Any,
 ) -> LogEstimate:
     """Identify every motion that a log supports, or several flights of one vehicle together.
 
@@ -195,7 +170,11 @@ class _Task:
 
 
 def _task(
-    recordings: Any, options: FlightOptions | None, windows: Any, progress: Progress, choices: OptionChoices
+    recordings: Any,
+    options: FlightOptions | None,
+    windows: Any,
+    progress: Progress,
+    choices: Mapping[str, Any],
 ) -> _Task:
     given = [recordings] if isinstance(recordings, Recording | str) else recordings
     checks.kind("recordings", given, Iterable, "a Recording or several", READ_FIRST)
@@ -216,7 +195,7 @@ def _task(
     return _Task(logs, chosen, list(windows), progress)
 
 
-def _chosen(options: FlightOptions | None, choices: OptionChoices) -> FlightOptions:
+def _chosen(options: FlightOptions | None, choices: Mapping[str, Any]) -> FlightOptions:
     start = FlightOptions() if options is None else options
     checks.kind("options", start, FlightOptions, "FlightOptions", "Give ev.FlightOptions(...), or nothing.")
     known = {field.name: field.default for field in fields(FlightOptions)}

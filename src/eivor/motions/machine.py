@@ -19,7 +19,7 @@ from eivor.flights.grid import Active, Grid, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES, LEVEL, ratio_quantity
 from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction, VehicleSupport
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import InputFamily, PreparedFlight, Selection
+from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, deviations
 from eivor.flights.quantity import (
     NAN,
     NO_INTERVAL,
@@ -594,11 +594,8 @@ class Machine(DeclaredMotion):
         return replace(channel, held=declared.held, noise=noise)
 
     def _excitation(self, flights: Flights) -> str:
-        words = []
-        for channel in (*self._of_role("input"), *self._of_role("state")):
-            parts = [flight.signals.channel(channel.name)[flight.used] for flight in flights]
-            words.append(f"{channel.name.replace('_', ' ')} {np.concatenate(parts).std():.2g} {channel.unit}")
-        return f"Standard deviations: {', '.join(item.strip() for item in words)}."
+        moving = (*self._of_role("input"), *self._of_role("state"))
+        return deviations(flights, ((c.name.replace("_", " "), c.name, c.unit, 1.0) for c in moving))
 
     def _findings(self, flights: Flights, _quantities: Mapping[str, Quantity]) -> tuple[Finding, ...]:
         """How much of the logs counts, where that is not all."""

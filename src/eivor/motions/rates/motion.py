@@ -17,7 +17,7 @@ from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.motion import Abilities, Flights, FlightView, Prediction, Solver, motion_tables
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input
+from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input, deviations
 from eivor.flights.references import HEADED, ReferenceSource, with_headed_references
 from eivor.inference.verdict import Status
 from eivor.models.frequency_response import local_polynomials, spectra
@@ -204,12 +204,6 @@ def active(log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /)
     return airborne_by_log(log, grid, np.mean(levels, axis=0))
 
 
-def rates_std(flights: tuple[PreparedFlight, ...], axes: tuple[Axis, ...]) -> list[float]:
-    """Standard deviation of the rate about each axis over the time used [deg/s]."""
-    parts = [[flight.signals.channel(axis.rate)[flight.used] for flight in flights] for axis in axes]
-    return [float(np.rad2deg(np.std(np.concatenate(rates)))) for rates in parts]
-
-
 #: What that does to an effectiveness, as a share of it, and to the lag [s].
 ROTOR_SHARE, ROTOR_LAG_S = 0.02, 0.001
 ROTORS = "Rotors lag in speed, and their thrust goes with its square: large or noisy setpoints change the "
@@ -364,12 +358,12 @@ def turning(flights: Flights) -> tuple[Axis, ...]:
     return tuple(axis for axis in logged if axis is not YAW) or (YAW,)
 
 
-def excitation(flights: Flights) -> str:
-    """Standard deviations of the rates of roll and pitch."""
-    axes = turning(flights)
-    pairs = zip(axes, rates_std(flights, axes), strict=True)
-    parts = ", ".join(f"{axis.name} {size:.2g} deg/s" for axis, size in pairs)
-    return f"Standard deviations of the rates: {parts}."
+def excitation(flights: Flights, axes: tuple[Axis, ...] = ()) -> str:
+    """Standard deviations of the rates, of roll and pitch where no axes are given."""
+    turned = axes or turning(flights)
+    return deviations(
+        flights, ((f"{axis.name} rate", axis.rate, "deg/s", np.rad2deg(1.0)) for axis in turned)
+    )
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from eivor.inference.distributions import normal_quantile
 from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
-from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, rate_panel, rates_std, refuse_degrees
+from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, excitation, rate_panel, refuse_degrees
 from eivor.motions.rigid_body import verdict
 from eivor.motions.rigid_body.compatibility import comparisons, in_still_air, with_one_clock
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
@@ -377,13 +378,6 @@ def _bound(step: float, error: float) -> QuantityEstimate:
     return QuantityEstimate(step, "", error, (step - half, step + half))
 
 
-def excitation(flights: motion.Flights) -> str:
-    """Standard deviations of the rates."""
-    roll, pitch, yaw = rates_std(flights, AXES)
-    turned = f"Roll, pitch and yaw turned at {roll:.2g}, {pitch:.2g} and {yaw:.2g} deg/s"
-    return f"{turned} (standard deviations)."
-
-
 def refined(
     problem: LaggedRuns, solve: motion.Solver[LaggedRuns], _options: FlightOptions, /
 ) -> tuple[LaggedRuns, Estimate]:
@@ -428,7 +422,7 @@ class RigidBody(motion.Motion[LaggedRuns]):
                 ),
             ),
             implications=self._implications,
-            excitation=excitation,
+            excitation=partial(excitation, axes=AXES),
             whitened=True,
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from operator import itemgetter
 
 import numpy as np
@@ -244,8 +244,7 @@ def inferred_velocity(signals: Signals, runs: Sequence[slice]) -> Series | None:
 
 def _cos_tilt(signals: Signals, run: slice) -> Float[np.ndarray, " length"]:
     if set(ATTITUDE) <= set(signals.channels):
-        w, x, y, z = (signals.channel(part)[run] for part in ATTITUDE)
-        return np.asarray(1.0 - 2.0 * (x * x + y * y) / np.maximum(w * w + x * x + y * y + z * z, 1e-12))
+        return np.asarray(_rows(signals)[2][2])[run]
     roll, pitch = (_integrated(signals.channel(axis.rate)[run], signals.step_s) for axis in (ROLL, PITCH))
     return np.asarray(np.cos(roll) * np.cos(pitch))
 
@@ -364,29 +363,26 @@ class AxisInstruments:
         return np.column_stack([*columns, *turned, *dragged])
 
 
-@dataclass(frozen=True, slots=True)
-class OnboardFilter:
-    """A low-pass of second order that one axis' sensor has."""
-
-    step_s: float
-    cutoff_hz: float
-    taken_s: float  # Delay that has been taken off the sensor's stamps [s]
-
-    def __call__(self, column: Series) -> Series:
-        late = low_passed(column[:, None], step_s=self.step_s, cutoff_hz=self.cutoff_hz)
-        own_s = math.sqrt(2.0) / (2.0 * math.pi * self.cutoff_hz)
-        early_s = min(max(self.taken_s, 0.0), own_s)
-        return (shifted_by(late, step_s=self.step_s, delay_s=-early_s) if early_s else late)[:, 0]
+#: Values of a sensor as its filter leaves them.
+Filter = Callable[[Series], Series]
 
 
-def onboard_filter(flight: PreparedFlight, vehicle: KnownVehicle, axis: int) -> OnboardFilter | None:
+def filtered(column: Series, step_s: float, cutoff_hz: float, taken_s: float) -> Series:
+    """Column behind a low-pass of second order, whose delay was taken off the stamps as far as given [s]."""
+    late = low_passed(column[:, None], step_s=step_s, cutoff_hz=cutoff_hz)
+    early_s = min(max(taken_s, 0.0), math.sqrt(2.0) / (2.0 * math.pi * cutoff_hz))
+    return (shifted_by(late, step_s=step_s, delay_s=-early_s) if early_s else late)[:, 0]
+
+
+def onboard_filter(flight: PreparedFlight, vehicle: KnownVehicle, axis: int) -> Filter | None:
     """Filter of the sensor whose values an equation explains; None where none is known."""
     turning = axis < FORCE_X_EQUATION
     cutoff_hz = vehicle.gyro_cutoff_hz if turning else vehicle.accelerometer_cutoff_hz
     if cutoff_hz is None:
         return None
     name = AXES[axis].rate if turning else f"specific_force_body_{ALONG[axis - FORCE_X_EQUATION]}"
-    return OnboardFilter(flight.signals.step_s, cutoff_hz, flight.recording.channel(name).delay_s)
+    taken_s = flight.recording.channel(name).delay_s
+    return partial(filtered, step_s=flight.signals.step_s, cutoff_hz=cutoff_hz, taken_s=taken_s)
 
 
 def before(values: Float[np.ndarray, "*parts n"]) -> Float[np.ndarray, "*parts n"]:
@@ -404,7 +400,7 @@ def change_over_step(values: Float[np.ndarray, "*parts n"], step_s: float) -> Fl
     return (values - before(values)) / step_s
 
 
-def as_logged(term: RigidTerm, of: BodyMotion, sensor: OnboardFilter | None) -> Series:
+def as_logged(term: RigidTerm, of: BodyMotion, sensor: Filter | None) -> Series:
     """Column of a term behind its sensor's filter, where it is not made of filtered rates."""
     column = term.column(of)
     if term.equation < FORCE_X_EQUATION and not term.driving:

@@ -105,7 +105,7 @@ def omitted_variable_tests(
     explained = [explained_ingredients(of, item.instruments, item.runs) for of, item in pairs]
     base = [_linear(problem, item, estimate) for item in columns]
     gain = abs(estimate.parameters["input_gain"]) or math.nan
-    added = {term.omission_sentence for term in problem.terms}
+    added = {SUPPLY if term is VOLTAGE_TERM else term.parameter.name for term in problem.terms}
     differences: dict[str, Difference] = {}
     for name, of_term in _TERMS.items():
         made = [[of_term(*parts) for parts in zip(of, means, strict=True)] for of in (measured, explained)]

@@ -119,7 +119,6 @@ class OptionalTerm:
     parameter: Parameter  # Its coefficient
     written: str  # As it stands in the equation, with its sign
     symbols: str  # What its symbols are; empty where the equation has none
-    omission_sentence: str  # Name of the test that it is missed
     column: Callable[[TermIngredients], TermColumn]  # Of the parameter; performs no checks
 
 
@@ -129,7 +128,6 @@ QUADRATIC_DRAG = OptionalTerm(
     Parameter("quadratic_drag", "1/m"),
     "- K_2 z'|z'|",
     "",
-    DRAG,
     lambda of: -of.velocity * np.abs(of.velocity),
 )
 GROUND_EFFECT = OptionalTerm(
@@ -138,7 +136,6 @@ GROUND_EFFECT = OptionalTerm(
     Parameter("ground_effect", ""),
     "+ k g (U/mean U) (R/h)²",
     "h the height over the ground, R a rotor's radius",
-    GROUND,
     # lift over the squared height in radii
     lambda of: of.lift * np.maximum(np.zeros(0) if of.radii is None else of.radii, LEAST_RADII) ** -2.0,
 )
@@ -148,7 +145,6 @@ VOLTAGE_TERM = OptionalTerm(
     Parameter("voltage_exponent", ""),
     "+ n g (U/mean U) (V/V_0 - 1)",
     "V the battery's voltage, V_0 its mean",
-    SUPPLY,
     lambda of: of.lift * (np.zeros(0) if of.voltage is None else of.voltage),
 )
 #: By the words of the command line.
