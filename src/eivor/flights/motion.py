@@ -141,23 +141,6 @@ class MultiStepPrediction:
         return "".join(f" '{words}' leaves less of {', '.join(names)}." for words, names in less.items())
 
 
-def multi_step_predictions(
-    by_flight: Sequence[tuple[HorizonErrors, ...]],
-    starts: Sequence[Float[np.ndarray, " _"]],
-    names: tuple[str, ...],
-) -> MultiStepPrediction:
-    """Predictions of several flights, one after the other; what nothing was measured of is left out."""
-    errors = []
-    for parts in zip(*(item for item in by_flight if item), strict=True):
-        left = np.concatenate([part.left for part in parts])
-        series = [part.series for part in parts if part.series is not None]
-        if np.isfinite(left).any(axis=0).all():
-            changes = np.concatenate([part.changes for part in parts])
-            both = np.concatenate(series) if series else None
-            errors.append(replace(parts[0], left=left, changes=changes, series=both))
-    return MultiStepPrediction(tuple(errors), np.concatenate([*starts, np.empty(0)]), names)
-
-
 @dataclass(frozen=True)
 class Starts:
     """Where predictions of a flight start."""
@@ -216,6 +199,25 @@ def starts_of(
     samples = np.concatenate([*results, np.empty(0, dtype=np.int64)]).astype(np.int64)
     whole = broken[samples + steps[-1] + 1] == broken[samples]
     return Starts(samples[whole], steps, step_s)
+
+
+def multi_step_predictions(
+    flights: Sequence[PreparedFlight],
+    errors: Callable[[int, Starts], Iterable[HorizonErrors]],
+    omitted: tuple[str, ...],
+) -> MultiStepPrediction:
+    """Predictions of flights by number, one after the other; what nothing was measured of is left out."""
+    starts, joined = [starts_of(flight) for flight in flights], []
+    by_flight = [tuple(errors(number, at)) for number, at in enumerate(starts)]
+    for parts in zip(*filter(None, by_flight), strict=True):
+        left = np.concatenate([part.left for part in parts])
+        series = [part.series for part in parts if part.series is not None]
+        if np.isfinite(left).any(axis=0).all():
+            changes = np.concatenate([part.changes for part in parts])
+            both = np.concatenate(series) if series else None
+            joined.append(replace(parts[0], left=left, changes=changes, series=both))
+    times = [flight.grid.time_s[at.samples] for flight, at in zip(flights, starts, strict=True)]
+    return MultiStepPrediction(tuple(joined), np.concatenate([*times, np.empty(0)]), omitted)
 
 
 def trim(flight: PreparedFlight, left: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

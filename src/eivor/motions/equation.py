@@ -327,14 +327,12 @@ def equation_prediction(
             omitted.append(f"The {axis.state[1]} is not predicted: {why}.")
         else:
             predicted.append(axis)
-    starts = [motion.starts_of(flight) for flight in flights]
-    pairs = list(zip(flights, starts, strict=True))
-    errors = [
-        tuple(error for axis in predicted for error in _errors(axis, flight, start, models))
-        for flight, start in pairs
-    ]
-    times = [flight.grid.time_s[start.samples] for flight, start in pairs]
-    return motion.multi_step_predictions(errors, times, tuple(omitted))
+
+    def errors(number: int, starts: motion.Starts) -> Iterator[motion.HorizonErrors]:
+        for axis in predicted:
+            yield from _errors(axis, flights[number], starts, models)
+
+    return motion.multi_step_predictions(flights, errors, tuple(omitted))
 
 
 def _errors(

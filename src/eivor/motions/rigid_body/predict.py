@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -238,102 +238,40 @@ class StatePropagator:
 
 #: Terms without which a prediction is a little worse; one that the fit refuses counts as zero.
 SMALL = tuple(term.parameter for term in TERMS if term.parameter not in (*GAIN, REACTION, THRUST))
-#: Drag by whose verdict the quadratic one of its axis goes: the two are identified well together or not
-#: at all.
+#: Drag by whose verdict the quadratic one of its axis goes: the two are identified well together, or neither.
 WITH_DRAG = {item.name: drag.name for item, drag in zip(QUADRATIC_DRAG, DRAG, strict=True)}
+#: What is predicted: its parts of the state, and its unit.
+RATES = {f"{axis} rate": ([10 + number], "rad/s") for number, axis in enumerate(TURNING)}
+BEYOND = {"attitude": ([6, 7, 8, 9], "rad"), "velocity": ([3, 4, 5], "m/s"), "position": ([0, 1, 2], "m")}
+PREDICTED = RATES | BEYOND
 
 
-@dataclass(frozen=True)
-class Predictable:
-    """What of a body's state can be predicted."""
-
-    known: frozenset[str]
-    identified: frozenset[str]
-    logged: tuple[LoggedState, ...]
-
-    @property
-    def turns(self) -> tuple[bool, ...]:
-        return tuple(item.name in self.identified for item in GAIN)
-
-    @property
-    def lifts(self) -> bool:
-        return THRUST.name in self.identified
-
-    @cached_property
-    def omitted(self) -> dict[str, str]:
-        """Why each quantity that cannot be predicted is left out."""
-        if EFFECTIVE_LAG not in self.identified:
-            return dict.fromkeys((*_RATES, *_BEYOND), "the fit does not identify the lag")
-        gains = zip(_RATES, TURNING, self.turns, strict=True)
-        results = {
-            rate: f"the fit does not identify the {axis} gain" for rate, axis, turn in gains if not turn
-        }
-        moves = all(item.moves for item in self.logged), "velocity or attitude is not logged"
-        needs = {
-            "attitude": [(all(item.turns for item in self.logged), "no attitude is logged")],
-            "velocity": [moves],
-            "position": [moves, (bool(self.placed), "no position is logged")],
-        }
-        for quantity in _BEYOND:
-            why = [words for known, words in needs[quantity] if not known]
-            # where only yaw stays, the force still points very nearly where it does
-            rates = _RATES if quantity == "attitude" else _RATES[:2]
-            why += [results[rate] for rate in rates if rate in results]
-            if quantity != "attitude" and not self.lifts:
-                why.append("the fit does not identify the thrust gain")
-            if why:
-                results[quantity] = why[0]
-        return results
-
-    @cached_property
-    def placed(self) -> tuple[int, ...]:
-        """Axes along which every flight has a position."""
-        return tuple(axis for axis in range(3) if all(axis in item.placed for item in self.logged))
-
-    def sentences(self, refused: frozenset[str]) -> tuple[str, ...]:
-        """What is left out, and what counts as zero."""
-        by_reason: dict[str, list[str]] = {}
-        for quantity, why in self.omitted.items():
-            by_reason.setdefault(why, []).append(quantity)
-        texts = [f"Not predicted: {', '.join(names)}, since {why}." for why, names in by_reason.items()]
-        zero = [name.replace("_", " ") for name in zeros(refused) if name in self.known]
-        if zero and len(self.omitted) < len(_RATES) + len(_BEYOND):
-            texts.append(f"Counted as zero, since the fit does not identify it: {', '.join(zero)}.")
-        return tuple(texts)
-
-    def errors(
-        self,
-        logged: LoggedState,
-        starts: motion.Starts,
-        vehicle: KnownVehicle,
-        models: Mapping[str, SimpleModel],
-    ) -> tuple[motion.HorizonErrors, ...]:
-        """What each model leaves of one flight."""
-        if len(self.omitted) == len(_RATES) + len(_BEYOND) or not starts.samples.size:
-            return ()
-        started, values = logged.body[:, starts.samples], [model.values for model in models.values()]
-        propagator = StatePropagator(logged, vehicle, values, starts, self.turns, self.lifts)
-        pairs = zip(models.items(), propagator.propagate(started[:, None]), strict=True)
-        states = {name: (model.words, predicted) for (name, model), predicted in pairs}
-        still = np.zeros((3, starts.samples.size))
-        unchanged = starts.propagate(started, lambda body, _: kinematics(body, still, still))
-        states[motion.UNCHANGED] = STAYS, unchanged
-        measured = logged.body[:, starts.ends].transpose(1, 0, 2)
-        return tuple(
-            _error(name, words, quantity, predicted, measured, started, self.placed)
-            for quantity in (*_RATES, *_BEYOND)
-            if quantity not in self.omitted
-            for name, (words, predicted) in states.items()
-        )
-
-
-def zeros(refused: frozenset[str]) -> list[str]:
-    """Small terms that count as zero."""
-    return [item.name for item in SMALL if WITH_DRAG.get(item.name, item.name) in refused]
-
-
-_RATES = tuple(f"{axis} rate" for axis in TURNING)
-_BEYOND = ("attitude", "velocity", "position")
+def why_omitted(identified: Set[str], logged: Sequence[LoggedState], placed: list[int]) -> dict[str, str]:
+    """Why each quantity that cannot be predicted is left out."""
+    if EFFECTIVE_LAG not in identified:
+        return dict.fromkeys(PREDICTED, "the fit does not identify the lag")
+    gains = zip(RATES, TURNING, GAIN, strict=True)
+    results = {
+        rate: f"the fit does not identify the {axis} gain"
+        for rate, axis, gain in gains
+        if gain.name not in identified
+    }
+    moves = all(item.moves for item in logged), "velocity or attitude is not logged"
+    needs = {
+        "attitude": [(all(item.turns for item in logged), "no attitude is logged")],
+        "velocity": [moves],
+        "position": [moves, (bool(placed), "no position is logged")],
+    }
+    for quantity, logs in needs.items():
+        why = [words for known, words in logs if not known]
+        # where only yaw stays, the force still points very nearly where it does
+        rates = [*RATES] if quantity == "attitude" else [*RATES][:2]
+        why += [results[rate] for rate in rates if rate in results]
+        if quantity != "attitude" and THRUST.name not in identified:
+            why.append("the fit does not identify the thrust gain")
+        if why:
+            results[quantity] = why[0]
+    return results
 
 
 def rigid_body_prediction(
@@ -345,18 +283,38 @@ def rigid_body_prediction(
     """The state after each horizon, by each model and by rates and velocity at the start."""
     first, *_ = models
     models = with_gyroscopic_moments(models, first)
-    values = models[first].values
-    identified_names = frozenset({*values, EFFECTIVE_LAG}) - refused
-    logged = tuple(LoggedState(flight) for flight in flights)
-    what = Predictable(frozenset(values), identified_names, logged)
-    kept = {name: value for name, value in values.items() if name not in zeros(refused)}
+    values, logged = models[first].values, [LoggedState(flight) for flight in flights]
+    identified = {*values, EFFECTIVE_LAG} - refused
+    turns = tuple(item.name in identified for item in GAIN)
+    placed = [axis for axis in range(3) if all(axis in item.placed for item in logged)]
+    omitted = why_omitted(identified, logged, placed)
+    zeros = [item.name for item in SMALL if WITH_DRAG.get(item.name, item.name) in refused]
+    kept = {name: value for name, value in values.items() if name not in zeros}
     by_model = {**models, first: SimpleModel(models[first].words, kept)}
-    results, times = [], []
-    for item in logged:
-        starts = motion.starts_of(item.flight)
-        results.append(what.errors(item, starts, vehicle, by_model))
-        times.append(item.flight.grid.time_s[starts.samples])
-    return motion.multi_step_predictions(results, times, what.sentences(refused))
+
+    def errors(number: int, starts: motion.Starts) -> Iterator[motion.HorizonErrors]:
+        if len(omitted) == len(PREDICTED) or not starts.samples.size:
+            return
+        body, made = logged[number].body, [model.values for model in by_model.values()]
+        started, measured = body[:, starts.samples], body[:, starts.ends].transpose(1, 0, 2)
+        thrust = THRUST.name in identified
+        propagator = StatePropagator(logged[number], vehicle, made, starts, turns, thrust)
+        states = dict(zip(by_model, propagator.propagate(started[:, None]), strict=True))
+        still = np.zeros((3, starts.samples.size))
+        states[motion.UNCHANGED] = starts.propagate(started, lambda now, _: kinematics(now, still, still))
+        for quantity in (name for name in PREDICTED if name not in omitted):
+            for name, predicted in states.items():
+                words = by_model[name].words if name in by_model else STAYS
+                yield _error(name, words, quantity, predicted, measured, started, placed)
+
+    by_reason: dict[str, list[str]] = {}
+    for quantity, why in omitted.items():
+        by_reason.setdefault(why, []).append(quantity)
+    sentences = [f"Not predicted: {', '.join(names)}, since {why}." for why, names in by_reason.items()]
+    zero = [name.replace("_", " ") for name in zeros if name in values]
+    if zero and len(omitted) < len(PREDICTED):
+        sentences.append(f"Counted as zero, since the fit does not identify it: {', '.join(zero)}.")
+    return motion.multi_step_predictions(flights, errors, tuple(sentences))
 
 
 def _error(
@@ -366,30 +324,24 @@ def _error(
     predicted: Float[np.ndarray, "horizons 13 starts"],
     measured: Float[np.ndarray, "horizons 13 starts"],
     started: Float[np.ndarray, "13 starts"],
-    placed: tuple[int, ...],
+    placed: list[int],
 ) -> motion.HorizonErrors:
     """What is left of one quantity: of position along the axes on which it is logged."""
-    series, of_attitude = None, quantity == "attitude"
-    parts: tuple[int, ...] = placed
-    if quantity in _RATES:
-        parts = (10 + _RATES.index(quantity),)
-        series = np.column_stack([measured[-1, parts[0]], predicted[-1, parts[0]]])
-    elif quantity == "velocity":
-        parts = (3, 4, 5)
-    elif placed == (2,) and quantity == "position":
-        quantity = "height"
+    parts, unit = PREDICTED[quantity]
+    parts = placed if quantity == "position" else parts
 
     def between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Size of the difference: of attitudes the angle of the turn."""
-        if of_attitude:
-            return _angle(first[:, 6:10], second[:, 6:10])
+        if quantity == "attitude":
+            return _angle(first[:, parts], second[:, parts])
         return np.asarray(np.sqrt(((first[:, parts] - second[:, parts]) ** 2).sum(axis=1)))
 
-    unit = "rad" if of_attitude else "rad/s" if series is not None else "m/s" if 3 in parts else "m"
-    changes = [between(states[-1:], started[None])[0] for states in (measured, predicted)]
-    return motion.HorizonErrors(
-        model, words, quantity, unit, between(predicted, measured).T, np.stack(changes, axis=1), series
-    )
+    pair = measured, predicted
+    series = np.stack([item[-1, parts[0]] for item in pair], axis=1) if quantity in RATES else None
+    changes = [between(states[-1:], started[None])[0] for states in pair]
+    named = "height" if quantity == "position" and placed == [2] else quantity
+    left = between(predicted, measured).T
+    return motion.HorizonErrors(model, words, named, unit, left, np.stack(changes, axis=1), series)
 
 
 def _angle(
