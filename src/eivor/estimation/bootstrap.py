@@ -116,16 +116,13 @@ def block_sums(
     return total
 
 
-def check_draws(runs: int, seed: object) -> None:
+def check_draws(runs: int, seed: int | np.random.Generator) -> None:
     """Refuse fewer replicates than two, and a seed that is none."""
     checks.counted("runs", runs, 2, "two runs or more", "A thousand are usual.")
-    if isinstance(seed, np.random.Generator):
-        return
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
-        expected = "a whole number or a numpy.random.Generator for seed"
-        raise UsageError(expected, checks.described(seed), "Give 0, for example.")
-    if seed < 0:
-        raise UsageError("a seed of zero or more", f"seed={seed}", "Any other one will do.")
+    kinds = (int, np.integer, np.random.Generator)
+    checks.kind("seed", seed, kinds, "a whole number or a numpy.random.Generator", "Give 0, for example.")
+    if not isinstance(seed, np.random.Generator):
+        checks.seed(seed)
 
 
 @dataclass(frozen=True)
