@@ -20,11 +20,10 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from eivor.errors import EstimationError, UsageError
+from eivor.errors import UsageError
 from eivor.estimation.sampled_motion import sampled_problem
 from eivor.estimation.spectral_equations import consistent_estimate, first_transient
 from eivor.estimation.spectral_iv import least_quadratic, start_of
-from eivor.inference.verdict import Reason
 from eivor.lab.cramer_rao import cramer_rao, noise_of_record
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.records import Scenario, simulate
@@ -58,8 +57,6 @@ def trial(suite_study: SuiteStudy, run: int) -> Found:
     problem = experiment.problem(record.signals, suite_study.study.methods[0].instruments)
     sampled = sampled_problem(problem, KNOWN)
     start = start_of(sampled, consistent_estimate(sampled.problem))
-    if isinstance(start, Reason):
-        raise EstimationError("a start near generalized IV's", start.sentence, "Look at the record.")
     motion, _, _ = least_quadratic(start, first_transient(start), noise_of_record(scenario, record).spectrum)
     return Found(suite_study.scenario, suite_study.samples, run, [motion.friction, motion.gain])
 

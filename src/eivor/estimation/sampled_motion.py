@@ -527,31 +527,25 @@ def problem_of_motion(problem: Problem, method: str) -> SignalRegression:
     return with_instruments(problem, driver)
 
 
-def without_spectra(problem: SignalRegression) -> tuple[str, str] | None:
-    """Why a record has no spectra that could be identified, and what to do; None where it has."""
-    signals = problem.signals
-    gaps = 0 if signals.valid is None else int((~signals.valid).sum())
-    if gaps:
-        return (
-            f"{gaps} of {signals.sample_count} samples are not valid, and it needs a record without gaps",
-            "Give the longest stretch between gaps, or repair the samples.",
-        )
-    if signals.sample_count < FEWEST_SAMPLES:
-        return (
-            f"there are {signals.sample_count} samples, and it needs {FEWEST_SAMPLES} at least",
-            "Give a longer record.",
-        )
-    return None
+class SpectraError(Exception):
+    """Why a record has no spectral estimate, and what to do."""
 
 
 def sampled_problem(problem: SignalRegression, method: str) -> SampledProblem:
-    """Spectra of a problem that has them, see `problem_of_motion` and `without_spectra`."""
+    """Spectra of a problem, see `problem_of_motion`; a `SpectraError` where it has none to be identified."""
     state, response, driver = motion_of(problem, method)
     signals = problem.signals
+    count, gaps = signals.sample_count, 0 if signals.valid is None else int((~signals.valid).sum())
+    if gaps:
+        why = f"{gaps} of {count} samples are not valid, and it needs a record without gaps"
+        raise SpectraError(why, "Give the longest stretch between gaps, or repair the samples.")
+    if count < FEWEST_SAMPLES:
+        why = f"there are {count} samples, and it needs {FEWEST_SAMPLES} at least"
+        raise SpectraError(why, "Give a longer record.")
     noise = signals.noise[driver]
     is_own = is_own_instrument(problem, driver)
     bins = (unitary_bins(signals.channel(name)) for name in (response, state, driver))
-    record = SampledRecord(signals.step_s, signals.sample_count, *bins)
+    record = SampledRecord(signals.step_s, count, *bins)
     instrument = None if is_own else unitary_bins(_projected(problem, driver, method))
     declared = signals.noise.get(state), signals.noise.get(response)
     return SampledProblem(problem, record, noise.std**2, instrument, declared)

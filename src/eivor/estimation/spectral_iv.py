@@ -20,6 +20,7 @@ from eivor.estimation.sampled_motion import (
     PairSpectrum,
     SampledMotion,
     SampledProblem,
+    SpectraError,
     fitted_noise,
     fitted_noises,
     is_own_instrument,
@@ -27,7 +28,6 @@ from eivor.estimation.sampled_motion import (
     problem_of_motion,
     sampled_problem,
     with_instruments,
-    without_spectra,
 )
 from eivor.estimation.spectral_equations import (
     GENERALIZED_IV,
@@ -121,12 +121,12 @@ def fallback(why: str, remedy: str = EXCITE) -> Reason:
     )
 
 
-def start_of(sampled: SampledProblem, plain: Estimate) -> SampledMotion | Reason:
-    """Motion at generalized IV's numbers, or why nothing can begin there."""
+def start_of(sampled: SampledProblem, plain: Estimate) -> SampledMotion:
+    """Motion at generalized IV's numbers; a `SpectraError` where nothing can begin there."""
     friction, gain = (float(value) for value in plain.values[:2])
     if friction > 0.0 and gain != 0.0:
         return SampledMotion(sampled.record, friction, gain)
-    return fallback(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
+    raise SpectraError(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
 
 
 def distance_of(plain: Estimate, solution: SpectralSolution) -> float:
@@ -137,8 +137,9 @@ def distance_of(plain: Estimate, solution: SpectralSolution) -> float:
     return float(between @ np.linalg.solve(spread, between))
 
 
-def fallen_back(name: str, plain: Estimate, reason: Reason) -> Estimate:
+def fallen_back(name: str, plain: Estimate, error: SpectraError) -> Estimate:
     """Generalized IV's answer, with the reason as a warning too."""
+    reason = fallback(*error.args)
     warnings.warn(f"{reason.sentence} {reason.remedy}", FallbackWarning, stacklevel=user_level())
     answer = plain.with_covariance(EqualWeightedCosines())
     return replace(answer, method=name, met=(*plain.met, reason))
@@ -279,13 +280,11 @@ class SpectralGeneralizedIV(Method):
             return start
         checked = problem_of_motion(start[0], self.name)
         plain = consistent_estimate(checked)
-        lacking = without_spectra(checked)
-        if lacking is not None:
-            return fallen_back(self.name, plain, fallback(*lacking))
-        sampled = replace(sampled_problem(checked, self.name), noise_estimated=start[1])
-        solution, count = _spectral(sampled, plain), sampled.record.count
-        if isinstance(solution, Reason):
-            return fallen_back(self.name, plain, solution)
+        try:
+            sampled = replace(sampled_problem(checked, self.name), noise_estimated=start[1])
+            solution, count = _spectral(sampled, plain), sampled.record.count
+        except SpectraError as error:
+            return fallen_back(self.name, plain, error)
         candidate = solved_rows(solution, (*sampled.problem.parameters, BLEND)[: solution.parameters])
         if count >= self.alone_from:
             candidate = replace(candidate, streamed_covariance=joint_covariance(solution.covariance))
@@ -310,18 +309,17 @@ def _noises(solution: SpectralSolution) -> tuple[FittedNoise, ...]:
     return (*solution.noises, FittedNoise("input", strength, by_root, 0.0, 0.0, MEASURE))
 
 
-def _spectral(sampled: SampledProblem, plain: Estimate) -> SpectralSolution | Reason:
-    """Spectral solution with its covariance, or why generalized IV's answer must do."""
-    start = start_of(sampled, plain)
-    if isinstance(start, Reason):
-        return start
+def _spectral(sampled: SampledProblem, plain: Estimate) -> SpectralSolution:
+    """Spectral solution with its covariance; a `SpectraError` where generalized IV's answer must do."""
     try:
         with np.errstate(all="ignore"):
-            solution = _with_blend(sampled, start)
+            solution = _with_blend(sampled, start_of(sampled, plain))
             why = _doubt(solution, plain)
-    except (EivorError, np.linalg.LinAlgError, ValueError):
-        return fallback("its equations have no solution near generalized IV's")
-    return fallback(why) if why else solution
+    except (EivorError, np.linalg.LinAlgError, ValueError) as error:
+        raise SpectraError("its equations have no solution near generalized IV's") from error
+    if why:
+        raise SpectraError(why)
+    return solution
 
 
 def _doubt(solution: SpectralSolution, plain: Estimate) -> str:
@@ -386,17 +384,15 @@ class WhittleLikelihood(Method):
             return with_noises(problem, method.estimate(problem))
         checked = problem_of_motion(problem, self.name)
         plain = consistent_estimate(checked)
-        lacking = without_spectra(checked)
-        if lacking is not None:
-            return fallen_back(self.name, plain, fallback(*lacking))
-        sampled = sampled_problem(checked, self.name)
-        if sampled.instrument is not None:
-            expected = f"an open loop for {self.name}"
-            remedy = "Under control use spectral_giv."
-            raise MissingNoiseError(expected, "instruments of another channel than the input", remedy)
-        solution = self._likelihood(sampled, plain)
-        if isinstance(solution, Reason):
-            return fallen_back(self.name, plain, solution)
+        try:
+            sampled = sampled_problem(checked, self.name)
+            if sampled.instrument is not None:
+                expected = f"an open loop for {self.name}"
+                remedy = "Under control use spectral_giv."
+                raise MissingNoiseError(expected, "instruments of another channel than the input", remedy)
+            solution = self._likelihood(sampled, plain)
+        except SpectraError as error:
+            return fallen_back(self.name, plain, error)
         solved = solved_rows(solution, sampled.problem.parameters)
         candidate = replace(
             solved,
@@ -413,10 +409,9 @@ class WhittleLikelihood(Method):
             reasons.append(Reason(Status.WEAK, sentence, USE))
         return replace(answer, met=(*reasons, *_not_held(solution)))
 
-    def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> SpectralSolution | Reason:
+    @staticmethod
+    def _likelihood(sampled: SampledProblem, plain: Estimate) -> SpectralSolution:
         start = start_of(sampled, plain)
-        if isinstance(start, Reason):
-            return start
         try:
             with np.errstate(all="ignore"):
                 pilot = pilot_at(start, sampled.input_variance, sampled.declared)
@@ -432,10 +427,10 @@ class WhittleLikelihood(Method):
                         break
                     noise = fitted_noise(motion, motion.behind(transient), noise, pilot.prior)
                 noises = fitted_noises(motion, motion.behind(transient), noise, pilot.prior, MEASURE)
-        except (EivorError, np.linalg.LinAlgError, ValueError):
-            return fallback("its search failed near generalized IV's numbers")
+        except (EivorError, np.linalg.LinAlgError, ValueError) as error:
+            raise SpectraError("its search failed near generalized IV's numbers") from error
         if not (np.isfinite(motion.gain) and motion.friction > 0.0 and motion.gain * start.gain > 0.0):
-            return fallback(f"its friction came out at {motion.friction:.3g} 1/s")
+            raise SpectraError(f"its friction came out at {motion.friction:.3g} 1/s")
         # spectral equations at the likelihood's numbers, whose covariance is its own where the model holds
         bins, variance = sampled.record.input, sampled.input_variance
         weights, factors = np.sqrt(signal_weights(bins, variance)), np.ones(bins.size)
