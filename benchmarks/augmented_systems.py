@@ -10,7 +10,8 @@ import numpy as np
 import scipy.linalg
 from _shared import arguments, least_seconds, machine
 
-from eivor.linalg import AugmentedTotalLeastSquares, LinearSystem
+from eivor.linalg.system import LinearSystem
+from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
 
 
 def full_system(A: np.ndarray, b: np.ndarray) -> np.ndarray:

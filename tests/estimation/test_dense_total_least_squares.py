@@ -24,9 +24,8 @@ from eivor.estimation.moments import Instrumental, lags_without_gaps
 from eivor.estimation.unknown_noise import EquationChoice, SharedMoments, UnknownNoise, long_memory_covariance
 from eivor.estimation.weighting import TwoStage
 from eivor.lab.scenario_files import shipped_scenario
-from eivor.linalg import AugmentedLeastSquares, LeastSquares
 from eivor.linalg.system import COPIED_ROWS, PASSED_ROWS, LinearSystem
-from eivor.linalg.total_least_squares import TotalLeastSquares
+from eivor.linalg.total_least_squares import AugmentedLeastSquares, LeastSquares, TotalLeastSquares
 from eivor.models.signal_regression import shared_noise
 from flights.flight_logs import FRICTION, GAIN, LAG_S, STEP_S, Noise, flights, problem
 

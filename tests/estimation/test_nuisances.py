@@ -22,7 +22,7 @@ from eivor.estimation.moments import Instrumental
 from eivor.estimation.variable_projection import argmin
 from eivor.estimation.weighting import TwoStage, whitened_by_residuals
 from eivor.inference.verdict import Status
-from eivor.linalg import LeastSquares
+from eivor.linalg.total_least_squares import LeastSquares
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
 from eivor.models.regression import Parameter, regression
 from eivor.models.separable import Nuisance, Prior

@@ -15,7 +15,7 @@ from eivor.errors import EstimationError, InputError
 from eivor.estimation.moments import CrossMoments, TriangularMoments
 from eivor.estimation.recursive import newest_reference
 from eivor.lab.scenario_files import shipped_scenario
-from eivor.linalg import AugmentedLeastSquares
+from eivor.linalg.total_least_squares import AugmentedLeastSquares
 from eivor.models.signal_regression import shared_noise_of_rows
 
 MOTION = ev.VerticalMotion(intercept=False)

@@ -32,15 +32,14 @@ from eivor.lab.regularised import (
     RegularisedTotalLeastSquares,
     Tikhonov,
 )
-from eivor.linalg import (
+from eivor.linalg.system import LinearSystem, triangular_root
+from eivor.linalg.total_least_squares import (
     AugmentedLeastSquares,
     AugmentedTotalLeastSquares,
     LeastSquares,
-    LinearSystem,
     TotalLeastSquares,
+    weighted_total_least_squares,
 )
-from eivor.linalg.system import triangular_root
-from eivor.linalg.total_least_squares import weighted_total_least_squares
 from reference import constants as truth
 
 LEAST = (LeastSquares(), AugmentedLeastSquares())

@@ -139,11 +139,6 @@ __all__ = [
 ]
 
 
-def __dir__() -> list[str]:
-    """Names that the module offers, and not those that it uses."""
-    return __all__
-
-
 def reference_iv() -> LinearMethod:
     """Whitened reference-instrument IV, the default for flights."""
     return LinearMethod("reference_iv", Instrumental(), LeastSquares(), SpectralWhitening())

@@ -15,8 +15,7 @@ from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import Compensated, FittedNoise
 from eivor.estimation.pair_whitening import LARGEST_LEVERAGE, corrected_spectrum, held_back, signal_weights
 from eivor.inference.covariance import COSINE_AVERAGES, cosine_averages
-from eivor.linalg import LeastSquares
-from eivor.linalg.total_least_squares import AugmentedLeastSquares
+from eivor.linalg.total_least_squares import AugmentedLeastSquares, LeastSquares
 from eivor.models.regression import AxisRows, Parameter, Regression
 from eivor.models.signal_regression import SignalRegression
 from eivor.signals.noise import MeasurementNoise

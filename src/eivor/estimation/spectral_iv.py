@@ -44,7 +44,7 @@ from eivor.estimation.unknown_noise import NoiseEstimatingIV
 from eivor.inference.covariance import COSINE_AVERAGES, CovariancePart, EqualWeightedCosines, JointCovariance
 from eivor.inference.regions import hotelling_quantile
 from eivor.inference.verdict import Reason, Status
-from eivor.linalg import LeastSquares
+from eivor.linalg.total_least_squares import LeastSquares
 from eivor.models.regression import Parameter
 from eivor.models.separable import SeparableProblem
 from eivor.models.signal_regression import SignalRegression

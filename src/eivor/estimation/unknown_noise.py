@@ -21,7 +21,7 @@ from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.verdict import Reason, Status
-from eivor.linalg import LeastSquares
+from eivor.linalg.total_least_squares import LeastSquares
 from eivor.models.regression import Column, Parameter, Regression
 from eivor.models.signal_regression import SignalRegression, shared_noise
 from eivor.signals.channels import unit_of
