@@ -13,6 +13,7 @@ import scipy
 
 from eivor.errors import CollinearError, ParameterError, TooFewSamplesError
 from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.covariance import column_scale, unit_scale
 from eivor.inference.regions import ConfidenceRegion, Points, RegionFrame, RegionShape, hotelling_quantile
 from eivor.tools import Bool, Float, Int
 
@@ -111,26 +112,19 @@ def _to_frame(frame: RegionFrame) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
     return change
 
 
-def _lengths(columns: Float[np.ndarray, "p n"]) -> Vector:
-    """Length of each column, one of a column of zeros."""
-    lengths = np.linalg.norm(columns, axis=0)
-    return np.where(lengths > 0.0, lengths, 1.0)
-
-
 def _solution(equations: Equations) -> tuple[Vector, Vector]:
-    """Least squares of the first column on the others, and their lengths."""
-    lengths = _lengths(equations[:, 1:])
-    solution = np.linalg.lstsq(equations[:, 1:] / lengths, equations[:, 0], rcond=None)[0]
-    return solution / lengths, lengths
+    """Least squares of the first column on the others, and what brings these to unit length."""
+    scale = column_scale(equations[:, 1:])
+    solution = np.linalg.lstsq(equations[:, 1:] * scale, equations[:, 0], rcond=None)[0]
+    return solution * scale, scale
 
 
 def _standard_errors(total: Equations, root: Square) -> Vector:
     A = scipy.linalg.solve_triangular(root, total[:, 1:], lower=True)
-    lengths = _lengths(A)
-    singular, V = np.linalg.svd(A / lengths, full_matrices=False)[1:]
+    scale = column_scale(A)
+    singular, V = np.linalg.svd(A * scale, full_matrices=False)[1:]
     kept = singular > 1e-8 * singular[0] if singular[0] > 0.0 else np.zeros(singular.size, dtype=np.bool_)
-    variance = ((V[kept] / singular[kept, None]) ** 2).sum(axis=0)
-    return np.sqrt(np.where(variance > 0.0, variance, 1.0)) / lengths
+    return scale / unit_scale(((V[kept] / singular[kept, None]) ** 2).sum(axis=0))
 
 
 def _triangular_root(rows: Float[np.ndarray, "rows p"], error: CollinearError) -> Square:
@@ -320,10 +314,10 @@ def sign_perturbed_region(
     )
     root = _triangular_root(instruments, collinear)
     order = rng.permutation(sums)
-    solution, lengths = _solution(scipy.linalg.solve_triangular(root, instruments.T @ columns, lower=True))
+    solution, scale = _solution(scipy.linalg.solve_triangular(root, instruments.T @ columns, lower=True))
     residual = columns[:, 0] - columns[:, 1:] @ solution
     usual = float(np.sqrt(residual @ residual / residual.size))
-    frame = RegionFrame(solution, (usual or 1.0) / lengths)
+    frame = RegionFrame(solution, (usual or 1.0) * scale)
     moved = columns @ _to_frame(frame)
     total = np.zeros((sums, p * moved.shape[1]))
     for start in range(0, rows, SIGN_ROWS):

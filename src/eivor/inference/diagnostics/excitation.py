@@ -75,28 +75,26 @@ class Periodicity(Diagnostic):
         first = min(self.tested, key=lambda item: item.p_value)
         if first in self.parameters:
             return first
-        equal = (
-            parameter
-            for parameter in self.parameters
-            if parameter.p_value * len(self.tested) < SIGNIFICANT
-            and abs(1.0 / parameter.period - 1.0 / first.period) <= self.resolution
-        )
+        equal = self._parameters_at(1.0, [first])
         return min(equal, key=lambda item: item.p_value, default=first)
 
     @property
     def biased(self) -> Swing | None:
         """Parameter with a line at twice the frequency of what is left over, where an input has one, too."""
-        doubled = [
-            parameter
-            for parameter in self.parameters
-            if parameter.p_value * len(self.tested) < SIGNIFICANT
-            and any(
-                item.p_value * len(self.tested) < SIGNIFICANT
-                and abs(1.0 / parameter.period - 2.0 / item.period) <= 2.0 * self.resolution
-                for item in self.left_over
-            )
-        ]
+        doubled = self._parameters_at(2.0, self._significant(self.left_over))
         return min(doubled, key=lambda item: item.p_value, default=None)
+
+    def _significant(self, swings: Sequence[Swing]) -> list[Swing]:
+        return [item for item in swings if item.p_value * len(self.tested) < SIGNIFICANT]
+
+    def _parameters_at(self, multiple: float, of: Sequence[Swing]) -> list[Swing]:
+        """Parameters with a line at a multiple of the frequency of some swing."""
+        return [
+            parameter
+            for parameter in self._significant(self.parameters)
+            for item in of
+            if abs(1.0 / parameter.period - multiple / item.period) <= multiple * self.resolution
+        ]
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
         likely = f"p-value {self.p_value:.3g}, most likely {self.strongest.of} by {self.strongest.extent}"
