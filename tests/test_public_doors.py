@@ -67,7 +67,7 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
         "weak_half_width": NUMBER,
     },
     "reference": {"unit": {"text"}},
-    "bootstrap": {"runs": {"whole"}, "block_length": {"none", "whole"}, "seed": {"whole", "huge"}},
+    "bootstrap": {"runs": {"whole"}, "block_length": {"none", "whole"}, "seed": {"whole"}},
     "ChangeDetector": {
         "threshold drift limit": NUMBER,
         "held_looks": {"whole"},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ import scipy
 
 from eivor import checks
 from eivor.errors import EivorError, UsageError
-from eivor.estimation.estimate import Estimate, equation_map
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, check_method
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import CrossMoments, Instrumental, Moments, TriangularMoments
@@ -19,7 +19,7 @@ from eivor.estimation.variable_projection import Nodes, argmin, nodes_of
 from eivor.estimation.weighting import SpectralWhitening, divided, whitened_by_residuals
 from eivor.inference.distributions import normal_quantile, t_quantile
 from eivor.inference.estimating_equation import Products, products_of_rows
-from eivor.linalg.system import LinearSystem, Solver, triangular_root
+from eivor.linalg.system import LinearSystem, Solver
 from eivor.models.regression import LinearProblem, Parameter, Regression, SampleRows
 from eivor.models.separable import Prior, SeparableProblem, Values
 from eivor.tools import Float, Int
@@ -312,67 +312,28 @@ def left_over(equations: Float[np.ndarray, "k q n_plus_1"]) -> Float[np.ndarray,
     return np.asarray(np.einsum("kq,kq->k", columns[-1], columns[-1]))
 
 
-@dataclass(frozen=True)
-class CrossPieces:
-    """Cross-products of the instruments with [Phi y], of pieces of a record."""
-
-    products: Products  # [psi phi y]
-    noise: Float[np.ndarray, "p n_plus_1"] | None  # C and c
-
-    def moments(self, drawn: Int[np.ndarray, " k"]) -> CrossMoments:
-        return CrossMoments(self.products.resampled(drawn), self.noise)
-
-
-@dataclass(frozen=True)
-class RootPieces:
-    """Gram matrices of [Phi y] in the coordinates of its triangular root."""
-
-    products: Products  # [Phi y]
-    root: Float[np.ndarray, "n_plus_1 n_plus_1"]
-    noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None  # Covariance of the measurement noises of [Phi y]
-
-    def moments(self, drawn: Int[np.ndarray, " k"]) -> TriangularMoments:
-        """Root of the replicate: that of its Gram matrix, times R."""
-        replicate = self.products.resampled(drawn)
-        powers, directions = np.linalg.eigh(replicate.sums[0])
-        half = np.sqrt(np.maximum(powers, 0.0))[:, None] * directions.T
-        return TriangularMoments(replicate.count, half @ self.root, self.noise)
-
-
-#: Products of pieces of a record, which the moments of any replicate are added up from.
-PieceMoments = CrossPieces | RootPieces
-
-
-def over_sensitivity(
-    scores: Float[np.ndarray, "k n"],
-    A: Float[np.ndarray, "m n"],
-    correction: Float[np.ndarray, "n n"],
-) -> Float[np.ndarray, "k n"]:
-    """Rows of scores times (A'A + correction)^-1, without A'A."""
-    R = triangular_root(A)
-    inner = scipy.linalg.lapack.dtrtrs(R, scores.T, trans=1)[0]  # itself: of thousands of replicates
-    if correction.any():
-        half = scipy.linalg.solve_triangular(R, correction, trans="T")
-        S = scipy.linalg.solve_triangular(R, half.T, trans="T")
-        inner = np.linalg.solve(np.eye(R.shape[0]) + S, inner)
-    return scipy.linalg.lapack.dtrtrs(R, inner)[0].T
-
-
-def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: BlockPlan) -> PieceMoments:
-    """Products of the pieces of a plan."""
-    Phi, y = rows.regressors, rows.response
-    if isinstance(whole, TriangularMoments):
+def replicate_moments(
+    rows: Regression, method: LinearMethod, whole: Moments, plan: BlockPlan
+) -> Callable[[Int[np.ndarray, " k"]], Moments]:
+    """Make moments of a replicate from the blocks that were drawn, by products of the pieces of a plan."""
+    Phi, y, psi = rows.regressors, rows.response, method.assembler.test_functions(rows)
+    if isinstance(whole, TriangularMoments):  # in the coordinates of the root
         diagonal = np.diag(whole.root)
         safe = whole.root + np.diag(np.where(diagonal == 0.0, 1.0, 0.0))
         Q = scipy.linalg.solve_triangular(safe, np.column_stack([Phi, y]).T, trans="T").T
-        of_atoms = products_of_rows(np.empty((y.size, 0)), Q[:, :-1], Q[:, -1], edges=plan.bounds)
-        return RootPieces(_pieces(of_atoms, plan), whole.root, whole.noise)
-    psi = method.assembler.test_functions(rows)
-    return CrossPieces(_pieces(products_of_rows(psi, Phi, y, edges=plan.bounds), plan), whole.noise)
+        Phi, y, psi = Q[:, :-1], Q[:, -1], np.empty((y.size, 0))
+    atoms = products_of_rows(psi, Phi, y, edges=plan.bounds)
+    pieces = replace(atoms, counts=block_sums(atoms.counts, plan), sums=block_sums(atoms.sums, plan))
 
+    def moments(drawn: Int[np.ndarray, " k"]) -> Moments:
+        replicate = pieces.resampled(drawn)
+        if not isinstance(whole, TriangularMoments):
+            return CrossMoments(replicate, whole.noise)
+        powers, directions = np.linalg.eigh(replicate.sums[0])
+        half = np.sqrt(np.maximum(powers, 0.0))[:, None] * directions.T
+        return TriangularMoments(replicate.count, half @ whole.root, whole.noise)
 
-def _pieces(atoms: Products, plan: BlockPlan) -> Products:
-    return replace(atoms, counts=block_sums(atoms.counts, plan), sums=block_sums(atoms.sums, plan))
+    return moments
 
 
 #: Replicates that are made when their number is not named; with one more, tails are whole numbers.
@@ -428,10 +389,10 @@ def bootstrap(
     check_draws(runs, seed)
     whole = method.moments(problem)
     solved = method.solve_moments(whole, problem, check=True)
-    plan = block_plan(rows.response.size, _length(block_length, rows, method, solved))
+    plan = block_plan(rows.response.size, _length(block_length, solved))
     factor = None if method.equation_weighting.passes == 1 else solved.factor
-    pieces, random = piece_moments(rows, method, whole, plan), np.random.default_rng(seed)
-    results = [_estimated_again(method, pieces.moments(plan.drawn(random)), factor) for _ in range(runs)]
+    moments, random = replicate_moments(rows, method, whole, plan), np.random.default_rng(seed)
+    results = [_estimated_again(method, moments(plan.drawn(random)), factor) for _ in range(runs)]
     kept = [result for result in results if result is not None]
     return Bootstrap(
         rows.names,
@@ -471,23 +432,12 @@ def _sample_rows(problem: LinearProblem) -> Regression:
     return rows
 
 
-def _length(wanted: int | None, rows: Regression, method: LinearMethod, solved: Estimate) -> float:
-    count = rows.response.size
-    if wanted is None:
-        return automatic_block_length(_influence(rows, method, solved))
+def _length(wanted: int | None, solved: Estimate) -> float:
+    equation, count = solved.equation, round(solved.count)
+    if wanted is None:  # by what each row moves the parameters by
+        return automatic_block_length(np.linalg.solve(equation.slope, equation.rows.scores.T).T)
     checks.whole("block_length", wanted)
     if not 1 <= wanted <= count // 2:
         expected = f"a block length from 1 to {count // 2} rows, half of what there is"
         raise UsageError(expected, f"{wanted}", "Choose another.")
     return float(wanted)
-
-
-def _influence(rows: Regression, method: LinearMethod, solved: Estimate) -> Float[np.ndarray, "rows n"]:
-    """What each row moves the parameters by, up to a constant: M^-1 p_t e_t."""
-    theta, system = solved.theta, solved.system
-    residual = rows.response - rows.regressors @ theta
-    if method.assembler.moment_equations:
-        return (method.assembler.test_functions(rows) @ equation_map(solved).T) * residual[:, None]
-    correction = method.solver.score_correction(residual, theta, system.error_covariance)
-    scores = (rows.regressors + correction.rows) * residual[:, None]
-    return over_sensitivity(scores, system.matrix, correction.sensitivity)
