@@ -1,4 +1,4 @@
-"""Figures of flights, and figures drawn into Axes that the caller made."""
+"""Figures of flights and of arrays."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -15,7 +14,6 @@ from matplotlib.figure import Figure
 from scipy.signal import lfilter
 
 import eivor as ev
-import shape_checks
 from eivor.errors import EstimationError, InputError, NonFiniteError, TooFewSamplesError, UsageError
 from eivor.estimation.methods import least_squares
 from eivor.lab.experiments import VerticalExperiment
@@ -103,18 +101,7 @@ def test_a_hostile_name_is_drawn_as_it_is(fit, tmp_path, ending):
     assert r"<b>&\x1b[31m\n" in _titles(figure)[0].replace("\n", " ")
 
 
-FLIGHT = ("fit", "residual", "autocorrelation", "profile of actuator_lag", "profile of delay", "excitation")
 NOISE = np.random.default_rng(0).normal(size=400)
-
-
-def page(rows, columns=1):
-    """A figure of the caller's, as ``plt.subplots`` makes it."""
-    figure = Figure(figsize=(5.5 * columns, 3.6 * rows), layout="constrained")
-    return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
-
-
-def drawn(axes):
-    return bool(axes.lines or axes.patches or axes.collections or axes.texts)
 
 
 @cache
@@ -126,96 +113,34 @@ def replicates():
     return ev.bootstrap(rows, least_squares(), runs=40)
 
 
-@pytest.mark.thorough
-def test_a_single_panel_is_drawn_where_it_is_told(fit):
-    figure, (left, right) = page(1, 2)
-    assert pair_figure(fit.estimate, "viscous_friction", "input_gain", title="noise", ax=right) is figure
-    assert drawn(right)
-    assert not drawn(left)
-    assert right.get_title() == "noise"
-    assert right.get_legend() is not None
-    assert figure._suptitle is None  # type: ignore[attr-defined]
-    assert not figure.legends
-    assert inside(figure)
-
-
-def test_a_panel_of_a_subfigure_is_drawn_too():
-    figure = Figure(layout="constrained")
-    ax = figure.subfigures(1, 2)[1].add_subplot()
-    assert residual_figure(NOISE, rate_hz=5.0, axes={"spectrum": ax}) is figure
-
-
 def signals():
     return ev.Signals(5.0, {name: np.linspace(0.0, 1.0, 20) for name in ("input", "velocity_z")})
 
 
-SEVERAL: dict[str, tuple[tuple[str, ...], Callable[[Any, ev.FlightEstimate], Figure]]] = {
-    "flight": (FLIGHT, lambda axes, fit: flight_figure(fit, axes)),
-    "plot": (FLIGHT, lambda axes, fit: fit.plot(axes=axes)),
-    "residual": (
-        ("time", "autocorrelation", "spectrum"),
-        lambda axes, _fit: residual_figure(NOISE, rate_hz=5.0, axes=axes),
-    ),
-    "signals": (("input", "velocity_z"), lambda axes, _fit: signals_figure(signals(), axes=axes)),
-    "estimates": (("a", "b"), lambda axes, _fit: estimates_figure({"by bootstrap": replicates()}, axes=axes)),
+FIGURES: dict[str, Callable[[ev.FlightEstimate], Figure]] = {
+    "plot": lambda fit: fit.plot(),
+    "pair": lambda fit: pair_figure(fit.estimate, "viscous_friction", "input_gain", title="$a_b"),
+    "residual": lambda _: residual_figure(NOISE, rate_hz=5.0, title="$a_b"),
+    "signals": lambda _: signals_figure(signals(), title="$a_b"),
+    "estimates": lambda _: estimates_figure({"by bootstrap": replicates()}, title="$a_b"),
 }
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", SEVERAL)
-def test_panels_are_drawn_in_order_or_by_name(name, fit):
-    names, draw = SEVERAL[name]
-    figure, axes = page(len(names))
-    assert draw(np.array(axes), fit) is figure
-    assert all(drawn(axis) for axis in axes)
-    # every panel stands by itself: it says what both of its axes are
-    assert all(axis.get_ylabel() or axis.get_yticklabels() for axis in axes)
-    assert all(axis.get_xlabel() and axis.xaxis.label.get_visible() for axis in axes)
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_panel_is_drawn_and_says_what_its_axes_are(name, fit):
+    figure = FIGURES[name](fit)
+    assert all(axes.lines or axes.patches or axes.collections for axes in figure.axes)
+    assert figure.axes[0].get_ylabel() or figure.axes[0].get_yticklabels()
+    assert all(axes.get_xlabel() for axes in figure.axes)
+    assert ("$a_b" in figure._suptitle.get_text()) == (name != "plot")  # type: ignore[attr-defined]
     assert inside(figure)
-    neighbours, (left, right) = page(1, 2)
-    assert draw({names[-1]: right}, fit) is neighbours
-    assert drawn(right)
-    assert not drawn(left)
-    assert right.get_xlabel() == axes[-1].get_xlabel()
-    assert neighbours._suptitle is None  # type: ignore[attr-defined]
-    assert len(neighbours.axes) == 2
-    assert inside(neighbours)
-
-
-def test_axes_that_do_not_fit_are_refused():
-    """Every figure of several panels takes its Axes through the same door."""
-    figure, (item,) = page(1)
-    _, (other,) = page(1)
-    for wrong, expected in (
-        (3, "as many as there are panels"),
-        ("fit", "as many as there are panels"),
-        (figure, "as many as there are panels"),
-        ([], "2 Axes"),
-        ([item] * 3, "received 3"),
-        (item, "received 1"),
-        ([item, 3], "Matplotlib Axes"),
-        ({}, "Axes to draw into"),
-        ({"input": 3}, "Matplotlib Axes"),
-        ({"inputs": item}, "Did you mean"),
-        ({3: item}, "Name some of"),
-        ({"input": item, "velocity_z": other}, "of one figure"),
-    ):
-        with shape_checks.unchecked(), pytest.raises(UsageError, match=expected):
-            signals_figure(signals(), axes=wrong)  # type: ignore[arg-type]
-    assert not drawn(item)
-
-
-def test_the_title_stands_above_the_first_panel_that_is_given():
-    _, axes = page(3)
-    residual_figure(NOISE, rate_hz=5.0, title="$a_b", axes=axes)
-    assert [axis.get_title() for axis in axes] == ["$a_b", "", ""]
 
 
 def test_without_an_estimate_the_flight_is_drawn_by_its_names(still):
-    figure, axes = page(2)
-    flight_figure(still, {"climb rate": axes[0], "reasons": axes[1]})
-    assert axes[0].get_ylabel() == "climb rate\n[m/s]"
-    assert "The input is constant" in " ".join(axes[1].texts[0].get_text().split())
+    figure = flight_figure(still)
+    assert "climb rate\n[m/s]" in [axes.get_ylabel() for axes in figure.axes]
+    assert "The input is constant" in " ".join(figure.axes[-1].texts[0].get_text().split())
     assert inside(figure)
 
 
@@ -400,8 +325,7 @@ test_refused = table(
         (lambda: residual_figure(np.ones(9), rate_hz=5.0), TooFewSamplesError, "Expected"),
         (lambda: coverage_figure({"one": {"a": Share(0, 0)}}), UsageError, "that were counted"),
         (lambda: nrmse_figure({}), UsageError, "scores to draw"),
-        (lambda still: flight_figure(still, {"zzz": None}), UsageError, "height, climb rate, input, reasons"),
-        (lambda still: still.plot(axes=Figure().subplots(2)), EstimationError, ""),
+        (lambda still: still.plot(), EstimationError, ""),
         (lambda: ev.load_fit("absent.json"), InputError, "a result that can be read"),
         (lambda: ev.load_fit(3), UsageError, "the path of a JSON file"),
         (lambda still, tmp_path: saved(still, tmp_path).covariance, EstimationError, "one without"),

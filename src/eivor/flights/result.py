@@ -48,7 +48,6 @@ from eivor.tools import Float
 
 if TYPE_CHECKING:
     import polars as pl
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -493,30 +492,21 @@ class FlightEstimate:
         """Content of a file for an autopilot, a controller or a simulator, see `eivor.SavedFit.export`."""
         return _outputs().saved(self).export(to, **choices)
 
-    def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
+    def plot(self) -> Figure:
         """Figure of the fit: response, residual, its autocorrelation, profiles, excitation.
-
-        Parameters
-        ----------
-        axes : mapping of str to Axes, or sequence of Axes, optional
-            Where to draw: some by name, or all in order. They are "fit", "residual", "autocorrelation",
-            "profile of actuator_lag", "profile of delay", "excitation". Default: a figure of its own. See
-            `eivor.report.flight_figures.flight_figure` for other motions and for what was given.
 
         Returns
         -------
         matplotlib.figure.Figure
-            The one that the panels are in.
+            See `eivor.report.flight_figures.flight_figure` for its panels.
 
         Raises
         ------
         EstimationError
             When nothing was estimated.
-        UsageError
-            When `axes` do not fit the panels.
         """
         self._fitted()
-        return _outputs().figure(self, axes)
+        return _outputs().figure(self)
 
     def _fitted(self) -> Fit:
         if self.fit is None:

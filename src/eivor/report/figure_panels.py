@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from eivor.checks import described
-from eivor.errors import MissingReaderError, UsageError, did_you_mean
+from eivor.errors import MissingReaderError, UsageError
 from eivor.estimation.bootstrap import Bootstrap
 from eivor.estimation.estimate import Estimate
 from eivor.inference.regions import Ellipse
@@ -25,65 +24,6 @@ from eivor.tools import Float, printable
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-#: Axes for some panels by their names, or for all in order; for a figure of one panel also its Axes.
-GivenAxes: TypeAlias = "Axes | Mapping[str, Axes] | Iterable[Axes]"
-REMEDY = "Pass what plt.subplots() or Figure.add_subplot() returns."
-
-
-def given_axes(axes: GivenAxes, panels: Sequence[str], title: str = "") -> dict[str, Axes]:
-    """Axes of each panel that is to be drawn: by name, or as many as there are panels."""
-    chosen = dict(axes) if isinstance(axes, Mapping) else _ordered(axes, panels)
-    known = f"Name some of: {', '.join(panels)}."
-    for name, item in chosen.items():
-        if name not in panels:
-            remedy = did_you_mean(name, panels, known) if isinstance(name, str) else known
-            raise UsageError("the name of a panel", described(name), remedy)
-        _check(f"{name!r}", item)
-    if not chosen:
-        raise UsageError("Axes to draw into", "none", known)
-    figure_of(*chosen.values())
-    _axes_title(next(iter(chosen.values())), title)
-    return chosen
-
-
-def figure_of(*axes: Axes) -> Figure:
-    """Return the figure that Axes are of; that of a subfigure is the one around it."""
-    first, *others = {axis.figure.figure for axis in axes}
-    if others:
-        remedy = "Draw into each figure by itself, naming its panels."
-        raise UsageError("Axes of one figure", f"of {1 + len(others)}", remedy)
-    return first
-
-
-def _ordered(axes: object, panels: Sequence[str]) -> dict[str, Axes]:
-    from matplotlib.axes import Axes as AnyAxes
-
-    if isinstance(axes, str) or not isinstance(axes, AnyAxes | Iterable):
-        expected = "Axes by the name of their panel, or as many as there are panels"
-        raise UsageError(expected, described(axes), REMEDY)
-    flat = [axes] if isinstance(axes, AnyAxes) else np.asarray([*axes], dtype=object).ravel().tolist()
-    if len(flat) != len(panels):
-        remedy = "Give as many, or a dictionary from the names of some panels to their Axes."
-        raise UsageError(f"{len(panels)} Axes, for {', '.join(panels)}", f"{len(flat)}", remedy)
-    return dict(zip(panels, flat, strict=True))
-
-
-def _axes_title(axes: Axes, title: str) -> None:
-    if title:
-        axes.set_title(title, fontsize=11, parse_math=False)
-
-
-def _check(name: str, axes: object) -> None:
-    from matplotlib.axes import Axes as AnyAxes
-
-    if not isinstance(axes, AnyAxes):
-        many = isinstance(axes, np.ndarray | Sequence) and not isinstance(axes, str)
-        remedy = "Pass one of them." if many else REMEDY
-        raise UsageError(f"Matplotlib Axes for {name}", described(axes), remedy)
-    if axes.figure is None:
-        raise UsageError(f"Axes of a figure for {name}", "Axes that were removed from theirs", REMEDY)
 
 
 #: What draws each panel of a figure into its Axes, by the panel's name.
@@ -123,18 +63,12 @@ def _png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def drawn(
-    panels: Panels,
-    axes: GivenAxes | None,
-    made: Callable[[tuple[str, ...]], dict[str, Axes]],
-    title: str = "",
-) -> Figure:
-    """Figure of panels, in Axes that are given or those of a page that is made."""
-    names = tuple(panels)
-    placed = made(names) if axes is None else given_axes(axes, names, title)
+def drawn(panels: Panels, made: Callable[[tuple[str, ...]], dict[str, Axes]]) -> Figure:
+    """Figure of panels, in the Axes of a page that is made."""
+    placed = made(tuple(panels))
     for name, ax in placed.items():
         panels[name](ax)
-    return figure_of(*placed.values())
+    return next(iter(placed.values())).figure.figure
 
 
 def mosaic(figure: Figure, rows: Sequence[Sequence[str]], **ratios: Any) -> dict[str, Axes]:
@@ -307,7 +241,6 @@ def estimates_figure(
     *,
     truth: Mapping[str, float] | None = None,
     title: str = "",
-    axes: GivenAxes | None = None,
 ) -> Figure:
     """Parameters of estimates with their 95 % intervals, each in a panel with an axis of its own.
 
@@ -339,7 +272,7 @@ def estimates_figure(
             placed[name].tick_params(labelleft=False)
         return placed
 
-    return drawn(panels, axes, made, title)
+    return drawn(panels, made)
 
 
 def _draw_intervals(
@@ -372,7 +305,6 @@ def pair_figure(
     truth: Mapping[str, float] | None = None,
     replicates: Bootstrap | None = None,
     title: str = "",
-    ax: Axes | None = None,
 ) -> Figure:
     """Joint 95 % ellipse of two parameters of an estimate, with their intervals.
 
@@ -387,11 +319,8 @@ def pair_figure(
     replicates : Bootstrap, optional
         Drawn as a cloud.
     """
-    if ax is None:
-        axes = page(6.4, 5.2, title).add_subplot()
-    else:
-        _check("ax", axes := ax)
-        _axes_title(axes, title)
+    figure = page(6.4, 5.2, title)
+    axes = figure.add_subplot()
     if replicates is not None:
         cloud = replicates.replicates[:, [replicates.names.index(item) for item in (name, other)]]
         dots = cloud[:: max(1, -(-len(cloud) // CLOUD))]
@@ -402,7 +331,7 @@ def pair_figure(
     units = dict(zip(estimate.names, estimate.units, strict=True))
     labelled(axes, x=axis_words(name, units[name]), y=axis_words(other, units[other]))
     legend(axes)
-    return figure_of(axes)
+    return figure
 
 
 def draw_ellipse(axes: Axes, ellipse: Ellipse, intervals: Sequence[tuple[float, float]]) -> None:

@@ -174,7 +174,6 @@ def residual_figure(
     rate_hz: float,
     unit: str = "",
     title: str = "",
-    axes: plots.GivenAxes | None = None,
 ) -> Figure:
     """Three panels that identify whether a residual is white.
 
@@ -209,7 +208,7 @@ def residual_figure(
         rows = [(names[0], names[0]), names[1:]]
         return plots.mosaic(plots.page(10.0, 6.4, title), rows, height_ratios=(0.85, 1.0))
 
-    return plots.drawn(panels, axes, made, title)
+    return plots.drawn(panels, made)
 
 
 def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: float, unit: str) -> None:
@@ -255,7 +254,7 @@ WORDS = {
 }
 
 
-def signals_figure(signals: Signals, *, title: str = "", axes: plots.GivenAxes | None = None) -> Figure:
+def signals_figure(signals: Signals, *, title: str = "") -> Figure:
     """Channels over time, one below the other; samples that are not valid leave gaps."""
     time = signals.start_s + signals.step_s * np.arange(signals.sample_count)
 
@@ -269,4 +268,4 @@ def signals_figure(signals: Signals, *, title: str = "", axes: plots.GivenAxes |
 
     size = SIGNAL_WIDTH, PANEL_HEIGHT * len(signals.channels) + 0.7
     panels: plots.Panels = {name: partial(draw, name=name) for name in signals.channels}
-    return plots.drawn(panels, axes, partial(plots.column_page, size=size, title=title), title)
+    return plots.drawn(panels, partial(plots.column_page, size=size, title=title))

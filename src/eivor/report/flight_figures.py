@@ -380,7 +380,7 @@ AXIS_INCHES = 4.0
 LEAST_BESIDE = 3
 
 
-def flight_figure(result: FlightEstimate, axes: plots.GivenAxes | None = None) -> Figure:
+def flight_figure(result: FlightEstimate) -> Figure:
     """Figure of a result; without an estimate it shows the flight itself and says why.
 
     Parameters
@@ -396,11 +396,10 @@ def flight_figure(result: FlightEstimate, axes: plots.GivenAxes | None = None) -
     "reasons".
     """
     if result.fit is None:
-        figure = plots.drawn(_flight_panels(result), axes, _flight_page)
+        figure = plots.drawn(_flight_panels(result), _flight_page)
     else:
-        figure = plots.drawn(_fit_panels(result, result.fit), axes, _fit_page)
-    if axes is None:
-        _title(figure, result)
+        figure = plots.drawn(_fit_panels(result, result.fit), _fit_page)
+    _title(figure, result)
     return figure
 
 

@@ -38,8 +38,6 @@ from eivor.signals.recording import Recording
 from eivor.tools import Float, html_table, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -225,21 +223,9 @@ class Validation:
         """Text of the JSON document that ``eivor validate --json`` writes, see docs/json.md."""
         return json_text(_validation_json(self))
 
-    def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
-        """Figure: for each prediction what was measured and predicted, and below it what is left.
-
-        Parameters
-        ----------
-        axes : mapping of str to Axes, or sequence of Axes, optional
-            Where to draw: panels by name, or all in order. The vertical motion has "one_step", "one_step
-            residual", "open_loop" and "open_loop residual". Default: a figure of its own.
-
-        Raises
-        ------
-        UsageError
-            When `axes` do not fit the panels.
-        """
-        return _validation_figure(self, axes)
+    def plot(self) -> Figure:
+        """Figure: for each prediction what was measured and predicted, and below it what is left."""
+        return _validation_figure(self)
 
 
 def validate(
@@ -493,7 +479,7 @@ VALIDATION_COLOURS = (plots.RED, plots.BLUE, plots.GREY, "#8a6d3b")
 TITLE_LETTERS = 120
 
 
-def _validation_figure(validation: Validation, axes: plots.GivenAxes | None = None) -> Figure:
+def _validation_figure(validation: Validation) -> Figure:
     multi_step = validation.multi_step_prediction
     panels: plots.Panels = {} if multi_step is None else prediction_panels(multi_step)
     for models in validation.by_quantity:
@@ -502,11 +488,10 @@ def _validation_figure(validation: Validation, axes: plots.GivenAxes | None = No
         panels[f"{name} residual"] = partial(_draw_left, validation=validation, models=models)
     size, heights = (plots.SIZE_INCHES[0], plots.SIZE_INCHES[1] * len(panels) / 4.0), (1.6, 1.0)
     whole_runs = partial(plots.column_page, size=size, heights=heights * (len(panels) // 2), shared=2)
-    figure = plots.drawn(panels, axes, whole_runs if multi_step is None else prediction_page)
-    if axes is None:
-        sentence = textwrap.fill(validation.sentence, TITLE_LETTERS)
-        title = f"{shortened(printable(validation.flight.recording.name))}\n{sentence}"
-        figure.suptitle(title, fontsize=11, parse_math=False)
+    figure = plots.drawn(panels, whole_runs if multi_step is None else prediction_page)
+    sentence = textwrap.fill(validation.sentence, TITLE_LETTERS)
+    title = f"{shortened(printable(validation.flight.recording.name))}\n{sentence}"
+    figure.suptitle(title, fontsize=11, parse_math=False)
     return figure
 
 
