@@ -77,21 +77,28 @@ def _of_rows(estimate: Estimate) -> Record:
     else:
         correction = estimate.solver.score_correction(residual, theta, estimate.system.error_covariance)
         psi = jacobian + np.pad(correction.rows, ((0, 0), (0, jacobian.shape[1] - theta.size)))
-    step_s, thinning = None, None
+    step_s, thinning, size, blocks = None, None, residual.size, (psi, jacobian, residual[:, None])
+    parts, p, width = iter([(None, *blocks)]), psi.shape[1], psi.shape[1] + jacobian.shape[1] + 1
     if isinstance(rows.layout, BinRows):
-        series = rows.layout.series(np.column_stack([psi, jacobian, residual]) / np.sqrt(2.0))
-        psi, jacobian, residual = np.split(series, [psi.shape[1], series.shape[1] - 1], axis=1)
-        residual = residual[:, 0]
-        step_s = rows.layout.runs[0].step_s
-        thinning = max(int(0.5 / (step_s * max(run.band_hz[1] for run in rows.layout.runs))), 1)
+        runs = rows.layout.runs
+        parts = rows.layout.series(*(block / np.sqrt(2.0) for block in blocks))
+        step_s, size = runs[0].step_s, sum(run.length for run in runs)
+        thinning = max(int(0.5 / (step_s * max(run.band_hz[1] for run in runs))), 1)
     elif isinstance(estimate.problem, SignalRegression):
         step_s = estimate.problem.signals.step_s
-    residual = np.ascontiguousarray(residual)
-    edges = block_edges(residual.size, block_count(residual.size, psi.shape[1]))
-    products = products_of_rows(psi, jacobian, residual, edges=edges)
-    columns = tuple(jacobian[:, j].copy() for j in range(theta.size))  # of the series no more is kept
-    whole, weights = _assembled(estimate, products)
-    return Record(whole, weights, residual, columns, tuple(theta.tolist()), step_s, thinning)
+    edges, start = block_edges(size, block_count(size, p)), 0
+    sums, kept = np.zeros((edges.size - 1, width, width)), np.empty((theta.size + 1, size))
+    for _, psi, jacobian, errors in parts:
+        stop = start + errors.size
+        first, last = np.searchsorted(edges, [start, stop - 1], "right")
+        inside = np.clip(edges[first - 1 : last + 1], start, stop) - start
+        sums[first - 1 : last] += products_of_rows(psi, jacobian, errors[:, 0], edges=inside).sums
+        kept[:-1, start:stop], kept[-1, start:stop] = jacobian[:, : theta.size].T, errors[:, 0]
+        start = stop
+        del psi, jacobian, errors  # before the next are made
+    products, (*columns, residual) = Products(np.diff(edges).astype(np.float64), sums, p), kept
+    factors = tuple(theta.tolist())
+    return Record(*_assembled(estimate, products), residual, tuple(columns), factors, step_s, thinning)
 
 
 def _assembled(estimate: Estimate, products: Products) -> tuple[EquationProducts, Float[np.ndarray, "p n"]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -102,7 +103,8 @@ class SpectralRun:
         full = np.zeros((self.length // 2 + 1, spectrum.shape[1]), dtype=np.complex128)
         full[self.bins] = spectrum
         series: Float[np.ndarray, "length columns"] = np.fft.irfft(full, n=self.length, axis=0)
-        return series * np.sqrt(self.length)
+        series *= np.sqrt(self.length)
+        return series
 
     def spread(self, rows: Float[np.ndarray, "counted columns"]) -> Float[np.ndarray, "length columns"]:
         """Rows of the samples that count at their places in the run, and zeros between them."""
@@ -216,27 +218,19 @@ class BinRows(RowLayout):
         halves = (np.split(block, 2) for block in np.split(rows, 2 * self.ends))
         return (real + 1j * imaginary for real, imaginary in halves)
 
-    def series(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "samples columns"]:
-        """Time series of real rows, run after run."""
-        ends = np.cumsum([run.length for run in self.runs]).tolist()
-        whole = np.empty((ends[-1], rows.shape[1]))  # at once: rows of minutes of six axes are large
-        for run, end, block in zip(self.runs, ends, self.complex_blocks(rows), strict=True):
-            whole[end - run.length : end] = run.series(block)
-        return whole
+    def series(self, *columns: Float[np.ndarray, "rows _"]) -> Iterator[tuple[Any, ...]]:
+        """Each run with time series of blocks of real rows: those of all six axes together are large."""
+        for run, *blocks in zip(self.runs, *map(self.complex_blocks, columns), strict=True):
+            yield run, *map(run.series, blocks)
 
     def scores(
         self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
     ) -> Float[np.ndarray, "samples n"]:
         """Half the products of the time series: by Parseval they add up to ``test.T @ residual``."""
-        series = self.series(np.column_stack([test, residual]))
-        scores = 0.5 * series[:, :-1] * series[:, -1:]
-        if len({run.axis for run in self.runs}) < 2:
-            return scores
-        ends = np.cumsum([run.length for run in self.runs])[:-1]
         together: dict[tuple[int, int, int], np.ndarray] = {}
-        for run, block in zip(self.runs, np.split(scores, ends), strict=True):
-            time = (run.flight, run.start, run.length)
-            together[time] = together[time] + block if time in together else block
+        for run, tested, errors in self.series(test, residual[:, None]):
+            time, scores = (run.flight, run.start, run.length), 0.5 * tested * errors
+            together[time] = together[time] + scores if time in together else scores
         return np.concatenate(list(together.values()))
 
 
