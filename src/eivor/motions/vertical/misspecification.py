@@ -25,8 +25,8 @@ from eivor.motions.vertical.regression import (
     QUADRATIC_DRAG,
     SUPPLY,
     VOLTAGE_TERM,
+    Ingredients,
     TermColumn,
-    TermIngredients,
     VerticalFlights,
     channel_on_grid,
     explained,
@@ -67,16 +67,15 @@ LARGEST_DRIFT, UNKNOWN_DRIFT = 1e-3, 5e-4
 #: Heights below this count as this [m].
 LEAST_HEIGHT = 0.05
 
-#: From the parts of a flight and the mean of its mapped input to a term's column; None where the log lacks
-#: what it needs. Here the mapped input stands for the lift, and heights are in m.
-_TERMS: dict[str, Callable[[TermIngredients, float], TermColumn | None]] = {
-    DRAG: lambda of, _: QUADRATIC_DRAG.column(of),
-    GROUND: lambda of, _: None if of.radii is None else np.maximum(of.radii, LEAST_HEIGHT) ** -2.0,
-    CURVATURE: lambda of, mean: mean * (of.lift / mean - 1.0) ** 2 if mean else None,
-    SUPPLY: lambda of, _: VOLTAGE_TERM.column(of),
+#: What a term needs, and its column. Here the lift is the mapped input of that mean, and heights are in m.
+_TERMS: dict[str, tuple[str, Callable[[Ingredients], TermColumn]]] = {
+    DRAG: ("velocity", QUADRATIC_DRAG.column),
+    GROUND: ("radii", lambda of: np.maximum(of["radii"], LEAST_HEIGHT) ** -2.0),
+    CURVATURE: ("mean", lambda of: of["mean"] * (of["lift"] / of["mean"] - 1.0) ** 2),
+    SUPPLY: ("voltage", VOLTAGE_TERM.column),
     # K_u U(t - r t) is K_u (U - r t U') nearly
-    CLOCK_DRIFT: lambda of, _: None if of.time is None else -of.time * np.gradient(of.lift, of.time),
-    SLEW: lambda of, _: None if of.time is None else _slew_column(np.gradient(of.lift, of.time)),
+    CLOCK_DRIFT: ("time", lambda of: -of["time"] * np.gradient(of["lift"], of["time"])),
+    SLEW: ("time", lambda of: _slew_column(np.gradient(of["lift"], of["time"]))),
 }
 
 
@@ -93,25 +92,25 @@ def omitted_variable_tests(
     if not all(item.instruments.shape[1] for item in columns):
         return {}
     timed = any(voltage(flight) is None for flight in flights)  # one coefficient has one meaning
-    measured, means = [], []
+    measured = []
     for item, cut, flight in zip(columns, problem.flights, flights, strict=True):
-        mapped = item.moving(estimate.nuisances)[:, 0]
-        volts = _share_of_time(flight) if timed else voltage(flight)
+        mapped, height = item.moving(estimate.nuisances)[:, 0], height_over_ground(flight)[0]
+        volts, mean = _share_of_time(flight) if timed else voltage(flight), float(mapped[flight.used].mean())
         away = volts if timed or volts is None else volts / float(volts[flight.used].mean()) - 1.0
         time = flight.grid.time_s - float(np.mean(flight.span_s))
-        measured.append(TermIngredients(cut.velocity, mapped, height_over_ground(flight)[0], away, time))
-        means.append(float(mapped[flight.used].mean()))
+        known = {"velocity": cut.velocity, "lift": mapped, "radii": height, "voltage": away, "time": time}
+        known["mean"] = np.full(1, mean) if mean else None
+        measured.append({name: values for name, values in known.items() if values is not None})
     pairs = zip(measured, columns, strict=True)
     explained = [explained_ingredients(of, item.instruments, item.runs) for of, item in pairs]
     base = [_linear(problem, item, estimate) for item in columns]
     gain = abs(estimate.parameters["input_gain"]) or math.nan
     added = {SUPPLY if term is VOLTAGE_TERM else term.parameter.name for term in problem.terms}
     differences: dict[str, Difference] = {}
-    for name, of_term in _TERMS.items():
-        made = [[of_term(*parts) for parts in zip(of, means, strict=True)] for of in (measured, explained)]
-        regressors, instruments = ([column for column in of if column is not None] for of in made)
-        if name in added or not len(regressors) == len(instruments) == len(columns):
+    for name, (needed, of_term) in _TERMS.items():
+        if name in added or not all(needed in of for of in measured):
             continue
+        regressors, instruments = (map(of_term, of) for of in (measured, explained))
         parts = zip(columns, regressors, base, instruments, strict=True)
         runs = tuple(_still(item, np.column_stack([x, linear]), z) for item, x, linear, z in parts)
         others = (Parameter(f"of the model {index}", "") for index in range(1, runs[0].fixed.shape[1]))

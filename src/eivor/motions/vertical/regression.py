@@ -97,17 +97,9 @@ LEAST_RADII = 0.5
 TREND = 3
 
 TermColumn = Float[np.ndarray, " n"]
-
-
-@dataclass(frozen=True)
-class TermIngredients:
-    """What optional terms of one flight are made of, arrays of shape (n,)."""
-
-    velocity: TermColumn  # z' [m/s]
-    lift: TermColumn  # [m/s^2]
-    radii: TermColumn | None = None  # Height over the ground in rotor radii
-    voltage: TermColumn | None = None
-    time: TermColumn | None = None  # From the middle of the flight [s]
+#: What optional terms of a flight are made of, as far as it is known: "velocity" z' [m/s], "lift" [m/s^2],
+#: "radii", the height over the ground in those of a rotor, "voltage", "time" from the flight's middle [s].
+Ingredients = Mapping[str, TermColumn]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +111,7 @@ class OptionalTerm:
     parameter: Parameter  # Its coefficient
     written: str  # As it stands in the equation, with its sign
     symbols: str  # What its symbols are; empty where the equation has none
-    column: Callable[[TermIngredients], TermColumn]  # Of the parameter; performs no checks
+    column: Callable[[Ingredients], TermColumn]  # Of the parameter
 
 
 QUADRATIC_DRAG = OptionalTerm(
@@ -128,7 +120,7 @@ QUADRATIC_DRAG = OptionalTerm(
     Parameter("quadratic_drag", "1/m"),
     "- K_2 z'|z'|",
     "",
-    lambda of: -of.velocity * np.abs(of.velocity),
+    lambda of: -of["velocity"] * np.abs(of["velocity"]),
 )
 GROUND_EFFECT = OptionalTerm(
     "ground-effect",
@@ -137,7 +129,7 @@ GROUND_EFFECT = OptionalTerm(
     "+ k g (U/mean U) (R/h)²",
     "h the height over the ground, R a rotor's radius",
     # lift over the squared height in radii
-    lambda of: of.lift * np.maximum(np.zeros(0) if of.radii is None else of.radii, LEAST_RADII) ** -2.0,
+    lambda of: of["lift"] * np.maximum(of["radii"], LEAST_RADII) ** -2.0,
 )
 VOLTAGE_TERM = OptionalTerm(
     "voltage",
@@ -145,19 +137,19 @@ VOLTAGE_TERM = OptionalTerm(
     Parameter("voltage_exponent", ""),
     "+ n g (U/mean U) (V/V_0 - 1)",
     "V the battery's voltage, V_0 its mean",
-    lambda of: of.lift * (np.zeros(0) if of.voltage is None else of.voltage),
+    lambda of: of["lift"] * of["voltage"],
 )
 #: By the words of the command line.
 TERMS = {term.word: term for term in (QUADRATIC_DRAG, GROUND_EFFECT, VOLTAGE_TERM)}
 
 
 def explained_ingredients(
-    of: TermIngredients, references: Float[np.ndarray, "n p"], runs: Sequence[slice]
-) -> TermIngredients:
-    """The same as far as references explain them; voltage as it is."""
-    parts = [of.velocity, of.lift, *([] if of.radii is None else [of.radii])]
-    velocity, lift, *radii = explained(references, runs, np.column_stack(parts)).T
-    return replace(of, velocity=velocity, lift=lift, radii=radii[0] if radii else None)
+    of: Ingredients, references: Float[np.ndarray, "n p"], runs: Sequence[slice]
+) -> Ingredients:
+    """The same as far as references explain them; voltage and time as they are."""
+    names = [name for name in ("velocity", "lift", "radii") if name in of]
+    made = explained(references, runs, np.column_stack([of[name] for name in names])).T
+    return {**of, **dict(zip(names, made, strict=True))}
 
 
 def explained(
@@ -181,8 +173,7 @@ class VerticalFlight:
     measured: bool
     runs: tuple[slice, ...]  # Stretches to use
     band_hz: tuple[float, float] = lagged_runs.BAND_HZ  # Band of spectral rows [Hz]
-    radii: Float[np.ndarray, " n"] | None = None
-    voltage: Float[np.ndarray, " n"] | None = None
+    surroundings: Ingredients = field(default_factory=dict)  # Radii and voltage
     densities: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
@@ -267,17 +258,18 @@ class MovingColumns:
         # an instrument for each term; performs no checks
         of = self._ingredients(self._unlagged)
         made = explained_ingredients(of, references, self.flight.runs)
-        if of.voltage is not None:
-            time = np.linspace(-1.0, 1.0, of.voltage.size)
+        if "voltage" in of:
+            time = np.linspace(-1.0, 1.0, of["voltage"].size)
             trend = np.column_stack([time**power for power in range(1, TREND + 1)])
             # the charge alone: loads, which references explain, pull the voltage down within a second
-            made = replace(made, voltage=explained(trend, self.flight.runs, of.voltage[:, None])[:, 0])
+            charge = explained(trend, self.flight.runs, of["voltage"][:, None])[:, 0]
+            made = {**made, "voltage": charge}
         added = np.column_stack([term.column(made) for term in self.terms])
         return np.column_stack([references, added])
 
-    def _ingredients(self, mapped: Float[np.ndarray, " n"]) -> TermIngredients:
+    def _ingredients(self, mapped: Float[np.ndarray, " n"]) -> Ingredients:
         lift = GRAVITY / self._mean * mapped
-        return TermIngredients(self.flight.velocity, lift, self.flight.radii, self.flight.voltage)
+        return {"velocity": self.flight.velocity, "lift": lift, **self.flight.surroundings}
 
     @cached_property
     def _unlagged(self) -> Float[np.ndarray, " n"]:
@@ -701,6 +693,7 @@ def with_surroundings(
 ) -> VerticalFlight:
     """A flight with its height in rotor radii, and its voltage over the one given less one."""
     (height, _), volts = height_over_ground(flight), voltage(flight)
-    radii = None if height is None or radius is None else height / radius
-    away = None if volts is None or reference_voltage is None else volts / reference_voltage - 1.0
-    return replace(cut, radii=radii, voltage=away)
+    known = {} if height is None or radius is None else {"radii": height / radius}
+    if volts is not None and reference_voltage is not None:
+        known["voltage"] = volts / reference_voltage - 1.0
+    return replace(cut, surroundings=known)
