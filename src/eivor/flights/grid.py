@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, floor
@@ -389,35 +389,10 @@ def upward(recording: Recording) -> Recording:
         return recording
     logged = recording.channels
     if isinstance(logged, MadeChannels):
-        return replace(recording, channels=_TurnedChannels(logged), frame=Frame.Z_UP)
-    turned = {name: _turned(channel) for name, channel in logged.items()}
+        turned: Mapping[str, Channel] = logged.changed(_turned)
+    else:
+        turned = {name: _turned(channel) for name, channel in logged.items()}
     return replace(recording, channels=turned, frame=Frame.Z_UP)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _TurnedChannels(MadeChannels):
-    logged: MadeChannels
-
-    def __getitem__(self, name: str) -> Channel:
-        return _turned(self.logged[name])
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.logged
-
-    @property
-    def span_s(self) -> tuple[float, float]:
-        """First and last stamp over all channels [s]."""
-        return self.logged.span_s
-
-    def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> MadeChannels:
-        """Return the channels of a part of the log."""
-        return _TurnedChannels(self.logged.part(start_s, end_s, step_s))
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.logged)
-
-    def __len__(self) -> int:
-        return len(self.logged)
 
 
 def _turned(channel: Channel) -> Channel:

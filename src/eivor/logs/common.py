@@ -320,6 +320,7 @@ class KeptChannels(MadeChannels):
 
     limit: int = KEPT_BYTES  # [bytes]
     cut: Cut | None = None  # Reads a part of the log
+    change: Callable[[Channel], Channel] = lambda channel: channel
     _makers: dict[str, Callable[[], Channel]] = field(default_factory=dict)
     _kept: dict[str, Channel] = field(default_factory=dict)
     _held: dict[int, int] = field(default_factory=dict)
@@ -355,12 +356,16 @@ class KeptChannels(MadeChannels):
         if self.cut is None:
             return self
         result = self.cut(start_s, end_s, step_s)
-        result._span_s = self._span_s
+        result._span_s, result.change = self._span_s, self.change
         return result
+
+    def changed(self, change: Callable[[Channel], Channel]) -> MadeChannels:
+        """Return the same channels, each changed when it is made."""
+        return replace(self, change=change)
 
     def __getitem__(self, name: str) -> Channel:
         kept = self._kept.get(name)
-        return self._makers[name]() if kept is None else kept
+        return self.change(self._makers[name]() if kept is None else kept)
 
     def __contains__(self, name: object) -> bool:
         return name in self._makers

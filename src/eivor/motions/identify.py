@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cache
 from os import PathLike
 from types import MappingProxyType, NoneType
@@ -15,6 +15,7 @@ from eivor.flights.estimate import FlightState
 from eivor.flights.identify import identified, with_coupled_axes
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions, check_window
+from eivor.flights.prepare import Window
 from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.motions.table import DEFAULT, USUAL_MOTIONS, motion_by_name
 from eivor.signals.recording import Recording
@@ -77,7 +78,7 @@ def identify_flight(
     checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
     if vehicle:
         motion = of_vehicle(motion, str(vehicle))
-    return _task(recordings, options, windows, progress, choices).result(motion)
+    return _result(motion, _task(recordings, options, windows, progress, choices))
 
 
 def identify_log(
@@ -116,13 +117,12 @@ def identify_log(
     checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
     motions = motions_of(models, str(vehicle))
     task = _task(recordings, options, windows, progress, choices)
-    task = replace(task, progress=cache(task.progress))  # each stage is reported once, by the first motion
     results: dict[str, FlightEstimate] = {}
     errors: dict[str, EivorError] = {}
     states: dict[str, FlightState] = {}
     for motion in motions:
         try:
-            results[motion.name] = task.result(motion, results, states)
+            results[motion.name] = _result(motion, task, results, states)
         except PoolingError:
             raise
         except (InputError, UsageError) as error:
@@ -146,27 +146,22 @@ def motions_of(
     return tuple(of_vehicle(m, vehicle) if vehicle and m.abilities.vehicle else m for m in motions)
 
 
-@dataclass(frozen=True)
-class _Task:
-    """Flights that are identified, and how; checked."""
+#: Flights that are identified, how, and whom to say what begins; checked.
+Task = tuple[list[Recording], FlightOptions, list[Window], Progress]
 
-    logs: list[Recording]
-    options: FlightOptions
-    windows: list[tuple[float, float] | None]
-    progress: Progress
 
-    def result(
-        self,
-        motion: Motion[Any],
-        known: Mapping[str, FlightEstimate] = MappingProxyType({}),
-        states: dict[str, FlightState] | None = None,
-    ) -> FlightEstimate:
-        """Result of a motion, with what is known and begun of others."""
-        others = tuple(motion_by_name(name) for name in motion.abilities.lag_from)
-        logs, windows = self.logs, self.windows
-        result = identified(logs, motion, self.options, windows, others, (), self.progress, states)
-        coupled = {axis.motion: motion_by_name(axis.motion) for axis in motion.abilities.coupled_axes}
-        return with_coupled_axes(result, coupled, logs, windows, known)
+def _result(
+    motion: Motion[Any],
+    task: Task,
+    known: Mapping[str, FlightEstimate] = MappingProxyType({}),
+    states: dict[str, FlightState] | None = None,
+) -> FlightEstimate:
+    """Result of a motion, with what is known and begun of others."""
+    logs, options, windows, progress = task
+    others = tuple(motion_by_name(name) for name in motion.abilities.lag_from)
+    result = identified(logs, motion, options, windows, others, (), progress, states)
+    coupled = {axis.motion: motion_by_name(axis.motion) for axis in motion.abilities.coupled_axes}
+    return with_coupled_axes(result, coupled, logs, windows, known)
 
 
 def _task(
@@ -175,7 +170,7 @@ def _task(
     windows: Any,
     progress: Progress,
     choices: Mapping[str, Any],
-) -> _Task:
+) -> Task:
     given = [recordings] if isinstance(recordings, Recording | str) else recordings
     checks.kind("recordings", given, Iterable, "a Recording or several", READ_FIRST)
     logs = list(given)
@@ -192,7 +187,7 @@ def _task(
     checks.items("windows", windows, (tuple, list, NoneType), "windows", "Give (START, END), or None.")
     for window in (item for item in windows if item is not None):
         check_window(window)
-    return _Task(logs, chosen, list(windows), progress)
+    return logs, chosen, list(windows), cache(progress)  # each stage is reported once
 
 
 def _chosen(options: FlightOptions | None, choices: Mapping[str, Any]) -> FlightOptions:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from enum import Enum
@@ -183,6 +183,10 @@ class MadeChannels(Mapping[str, Channel]):
     @abstractmethod
     def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> MadeChannels:
         """Return the channels of a part of the log, or of more of it where its reader cannot cut."""
+
+    @abstractmethod
+    def changed(self, change: Callable[[Channel], Channel]) -> MadeChannels:
+        """Return the same channels, each changed when it is made."""
 
 
 def clean_channel(
