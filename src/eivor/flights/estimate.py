@@ -534,9 +534,8 @@ def _unused(state: FlightState) -> tuple[str, str]:
 SENSORS_APART_S = 0.005
 #: Slower states and commands of the other motion determine no lag that is worth an estimate [Hz].
 LEAST_STATE_HZ, LEAST_COMMAND_HZ = 90.0, 45.0
-#: Instruments weaker than this share of strong ones are not looked at closely. Their F at coarse lags and
-#: one delay was at least nine tenths of that at the best in flights where that was strong (26 simulated ones
-#: of three vehicles), and half of it in others.
+#: Instruments weaker than this share of strong ones are not looked at closely: F at coarse lags was .9 and more
+#: of that at the best where that was strong (26 flights of three vehicles), and else half of it.
 LEAST_SHARE = 0.5
 
 

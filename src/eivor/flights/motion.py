@@ -33,7 +33,7 @@ from eivor.flights.quantity import (
     Words,
 )
 from eivor.flights.references import ReferenceSource
-from eivor.flights.verdict import FlightWords, MotionChecks, Rule, SystematicPart
+from eivor.flights.verdict import MotionChecks, Rule, SystematicPart
 from eivor.models.separable import InstrumentRule, SeparableProblem, Values
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Finding, Recording
@@ -393,7 +393,6 @@ class MotionTables:
 
     equation: tuple[str, str]
     words: Words
-    flight_words: FlightWords
     channels: LogChannels
     quantities: dict[str, QuantitySpec]
     coupled_axes: tuple[CoupledAxis, ...] = ()
@@ -402,7 +401,6 @@ class MotionTables:
 def motion_tables(package: str) -> MotionTables:
     """Return the tables of a package; of quantities, what is not given is as of all motions or as usual."""
     tables = package_tables(package, "motion.toml")
-    tables["flight_words"]["fly"] = tables["words"]["fly"]
     for name, given in tables["quantities"].items():
         unit = given.get("unit", "").replace("^2", "²").replace("^3", "³")
         usual = {"words": name.replace("_", " "), "shown_unit": unit} | LAG_TABLES.get(name, {})

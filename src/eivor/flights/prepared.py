@@ -48,8 +48,7 @@ from eivor.tools import Bool, Float, Int
 
 #: Cosine averages of the standard error, and the degrees of freedom of its t.
 AVERAGES = 16
-#: A difference is reported below this p-value: four kinds together have false alarms in less than 1 % of
-#: flights.
+#: A difference is reported below this p-value: four kinds together have false alarms in 1 % of flights.
 REPORTED = 0.004
 
 
@@ -176,8 +175,7 @@ class Selection:
     input: InputFamily
     commands: tuple[Channel, ...]  # Its channels
     states: Mapping[str, Channel]  # By role, what the equation needs beside the input ("velocity")
-    #: By role, what the equation explains; None for what the log lacks and the motion can do without. The
-    #: grid is fine when these and the commands are fast.
+    #: By role, what the equation explains; None for what the log lacks and the motion can do without
     responses: Mapping[str, Channel | None]
     conditions: tuple[Channel, ...] = ()  # Others that enter
     #: Values in place of conditions that the log lacks
@@ -192,9 +190,8 @@ class Selection:
     #: The autopilot's parameter of the rate [Hz] at which commands are issued, by about a fifth
     rate_parameter: str = ""
     step_s: float | None = None  # Step of the grid [s]. Default: by the rates of commands and responses.
-    #: What was measured is a line between its stamps, and is spread over time as the line between the stamps
-    #: of a thinned command spreads what was issued, so that both sides of the equation are; the band is then
-    #: kept whole. Else it is a curve.
+    #: What was measured is a line between its stamps, spread over time as thinned commands are, and the band
+    #: is kept whole; else it is a curve
     matched_interpolation_filter: bool = False
     #: Samples during which the motion holds, by the input's level; for what flies: while it is in the air
     active: Callable[[Recording, Grid, Float[np.ndarray, " n"]], Active] = airborne_by_log

@@ -214,6 +214,11 @@ class Words:
     setpoints: str = ""  # Which of them are setpoints. Default: those of the format
     card: tuple[CardSection, ...] = ()  # In place of a card of these
     planned: tuple[str, ...] = ()  # Quantities that flights of `eivor plan` are made for
+    log_reference: str = ""  # What to log where there is no reference
+    log_planned: str = ""  # And where the reference answers the vehicle
+    moves: str = "moves"  # What something that the model does not have does to the vehicle
+    undisturbed: str = ""  # What to do about that
+    of_answers: Status = Status.WEAK  # What a reference that is declared to answer the vehicle leaves
 
     def advice(self, log_format: str) -> tuple[CardSection, ...]:
         """What to fly and to log; about logs of a format without advice, that of tables."""

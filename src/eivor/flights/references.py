@@ -187,12 +187,10 @@ class ReferenceSource:
     """A channel that a motion offers as an instrument."""
 
     channel: str  # Name
-    #: Channel that is above one half while a pilot is in control, without which this one does not count;
-    #: empty for none. A log without that channel is taken as flown by a pilot throughout.
+    #: Channel that is above one half while a pilot is in control, when alone this one counts; empty for none
     in_control: str = ""
-    #: Channel that is above one half while no loop acts on this one, which does not answer the vehicle then.
-    #: It counts only where that channel says so of every sample used, and then it serves alone: others are
-    #: what it was made of. Empty for a channel whose nature does not change.
+    #: Channel that is above one half while no loop acts on this one: where it is for all samples used, this
+    #: one serves alone, as others are what it was made of; else it does not count. Empty for none
     open_loop: str = ""
     #: Which of the motion's axes it moves; empty for all. What serves one axis says nothing of another.
     axis: str = ""

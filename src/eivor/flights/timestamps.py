@@ -154,8 +154,7 @@ RARELY_LOGGED_S = 1.0
 #: Stamps rounded to a power of ten up to this are multiples of it, whatever was rounded [s].
 ROUNDED_S = 0.001
 #: A command that was logged at uneven steps up to this is taken as logged whenever it was issued, unless
-#: other channels are logged more often [s]; also then, if theirs are uneven and its own are at even steps.
-#: Where all steps are even the logger may have had a clock of its own.
+#: other channels are logged more often [s]; also then, if theirs are uneven and its own are even.
 QUICK_STEP_S = 0.0105
 #: Upper end of the band of spectral rows, as a share of the rate of a log that does not hold every command: a
 #: jump of the reference between two stamps moves the command by what no line between stamps has.

@@ -10,7 +10,7 @@ from typing import Any
 
 from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG, LagPrior
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
-from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SystematicUncertainty
+from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SystematicUncertainty, Words
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.excitation import Periodicity, Swing
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
@@ -430,20 +430,8 @@ def _anywhere(low: float, high: float) -> str:
     return f"anywhere{''.join(f' {bound}' for bound in bounds)}"
 
 
-@dataclass(frozen=True, slots=True)
-class FlightWords:
-    """How the rules that motions share speak of one of them."""
-
-    fly: str  # What to fly where instruments are weak
-    log_reference: str
-    log_planned: str  # What to log where the reference answers the vehicle
-    moves: str  # What something that the model does not have does to the vehicle
-    undisturbed: str  # What to do about that
-    of_answers: Status = Status.WEAK  # What a reference that is declared to answer it leaves
-
-
 def flight_rules(
-    words: FlightWords, quantities: tuple[str, ...], stages: tuple[str, ...], set_of: str = ""
+    words: Words, quantities: tuple[str, ...], stages: tuple[str, ...], set_of: str = ""
 ) -> tuple[Rule, ...]:
     """Rows of what instruments are to identify: quantities by some first stages, judged by one robust set."""
 

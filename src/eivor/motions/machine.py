@@ -302,6 +302,10 @@ class Machine(DeclaredMotion):
             begins="moves",
             another_log="Give another log.",
             card=(CardSection("Move", (self.move,)), CardSection("Log", (self.log,))),
+            log_reference=self.log,
+            log_planned=self.log,
+            undisturbed="Keep disturbances away.",
+            of_answers=Status.PROVISIONAL,
         )
 
     @cached_property
@@ -540,10 +544,7 @@ class Machine(DeclaredMotion):
 
     @property
     def rules(self) -> tuple[verdict.Rule, ...]:  # type: ignore[override]
-        words = verdict.FlightWords(
-            self.move, self.log, self.log, "moves", "Keep disturbances away.", Status.PROVISIONAL
-        )
-        moving = [term.name for term in self.terms if not term.is_intercept]
+        words, moving = self.words, [term.name for term in self.terms if not term.is_intercept]
         stages = (*moving, *(LAGS if self.has_lag else ()))
         rows = [_active_rule(self.activity), ANSWERING]
         if not self.activity.when:
@@ -562,7 +563,9 @@ class Machine(DeclaredMotion):
             *self.half_widths, zero=Status.REFUSED, narrower=longer, away_from_zero=self.move
         )
         for term in self.terms:
-            rows += verdict.flight_rules(words, (term.name,), stages, "" if term.is_intercept else term.name)
+            rows += verdict.flight_rules(
+                self.words, (term.name,), stages, "" if term.is_intercept else term.name
+            )
             if not term.is_intercept:
                 following = [item.name for item in self.derived if term.name in item.parameters]
                 rows += limit.rules(term.name, self.quantities[term.name], *following)

@@ -43,8 +43,7 @@ TORQUE = "torque_setpoint"
 #: Lags of each reference: how many, and their time constant [s]. Rates follow within a tenth of a second.
 REFERENCE_LAGS = (4, 0.06)
 #: Lags and delays to search [s]. A lag of 1/D with a damping of 1/tau turns the vehicle as a lag of tau with
-#: a damping of D does, but for the gain. No rotor is as slow as damping is, which takes seconds: longer lags
-#: are not searched.
+#: a damping of D does, but for the gain: lags as long as damping takes are not searched.
 LAGS_S = np.geomspace(0.004, 0.15, 30)
 DELAYS_S = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030)
 
@@ -208,8 +207,7 @@ def active(log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /)
 ROTOR_SHARE, ROTOR_LAG_S = 0.02, 0.001
 ROTORS = "Rotors lag in speed, and their thrust goes with its square: large or noisy setpoints change the "
 LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
-#: Two equal lags act, to second order in the frequency, as one of 2^(1/2) times each with a delay: this share
-#: of that lag.
+#: Two equal lags act, to second order, as one of 2^(1/2) times each with a delay: this share of that lag.
 IMITATED_SHARE = 2.0**0.5 - 1.0
 
 
@@ -305,7 +303,6 @@ def chosen_order(
 TURN_LONGER = "Fly turns that last longer."
 QUICKER = "Fly quicker steps, and log setpoints and rates faster."
 LEAST_S = 15.0
-FLIGHT_WORDS = TABLES.flight_words
 EFFECTIVENESS = verdict.Limit(
     0.1, 0.25, zero=Status.REFUSED, narrower="Fly larger and quicker steps, or longer."
 )
@@ -320,7 +317,7 @@ def axis_rules(axis: Axis) -> tuple[verdict.Rule, ...]:
     check = f"Check the axes and signs of {axis.torque} and {axis.rate}."
     pushed = "a torque of the air moved with the references"
     each = [
-        verdict.flight_rules(FLIGHT_WORDS, (name,), (effect, name, ACTUATOR_LAG.name), name) for name in names
+        verdict.flight_rules(TABLES.words, (name,), (effect, name, ACTUATOR_LAG.name), name) for name in names
     ]
     return (
         *chain.from_iterable(each),
@@ -333,7 +330,7 @@ def axis_rules(axis: Axis) -> tuple[verdict.Rule, ...]:
 
 RULES = (
     verdict.seconds_rule(LEAST_S),
-    *verdict.flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
+    *verdict.flight_rules(TABLES.words, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     verdict.Rule(
         (*LAGS, DELAY.name),
         lambda inputs: all(

@@ -60,8 +60,7 @@ from eivor.tools import Float
 
 #: Over which turning is looked at [s]: longer than a sensor's noise, shorter than a turn.
 OVER_S = 0.04
-#: What is left of the rates, as a share of them: by a wrong order more than the one, by the right one less
-#: than the other.
+#: What is left of the rates, as a share of them: more by a wrong order, and less by the right one.
 WRONG, RIGHT = 0.8, 0.5
 #: Orders that attitudes are written in, by the signed place of w, x, y, z among the logged four.
 ORDERS = {

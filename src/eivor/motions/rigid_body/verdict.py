@@ -566,11 +566,11 @@ class RigidBodyChecks(verdict.MotionChecks):
 
 # -- Rule --
 
-FLIGHT_WORDS = TABLES.flight_words
+WORDS = TABLES.words
 LEAST_HZ, LEAST_S = 45.0, 10.0
 LONGER = "Fly larger and quicker steps, or longer."
-GAIN_LIMIT = verdict.Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LONGER, away_from_zero=FLIGHT_WORDS.fly)
-SLOW_LIMIT = verdict.Limit(0.5, zero=Status.WEAK, narrower=LONGER, away_from_zero=FLIGHT_WORDS.fly)
+GAIN_LIMIT = verdict.Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LONGER, away_from_zero=WORDS.fly)
+SLOW_LIMIT = verdict.Limit(0.5, zero=Status.WEAK, narrower=LONGER, away_from_zero=WORDS.fly)
 COUPLING_LIMIT = verdict.Limit(identified_within=0.1, narrower=LONGER)
 LAG_LIMIT = verdict.Limit(
     0.25, 0.5, 0.02, 0.02, narrower="Fly quicker steps, and log rotors and rates faster."
@@ -637,16 +637,14 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
         _check_rule("wind", ACROSS),
         *verdict.lag_rules(LAG_LIMIT, wording[EFFECTIVE_LAG]),
         *(rule for name in LAGS_UP_AND_DOWN for rule in LAG_LIMIT.rules(name, wording[name])),
-        *verdict.flight_rules(FLIGHT_WORDS, LAGS, ()),
+        *verdict.flight_rules(WORDS, LAGS, ()),
     ]
     for name in wording:
         if name in (*LAGS, *STAGES, ASYMMETRY.name):
             continue
-        rules += verdict.flight_rules(FLIGHT_WORDS, (name,), ())
+        rules += verdict.flight_rules(WORDS, (name,), ())
         if name in _DRAGS:
-            rules.append(
-                verdict.below_zero_rule(name, wording[name], Status.WEAK, _NO_DRAG, FLIGHT_WORDS.fly)
-            )
+            rules.append(verdict.below_zero_rule(name, wording[name], Status.WEAK, _NO_DRAG, WORDS.fly))
         if name in _GAINS:
             plain, wrong = replace(wording[name], unit=""), _what_is_wrong(name)
             rules.append(verdict.below_zero_rule(name, plain, Status.REFUSED, wrong, CORRECT_ROTORS))

@@ -611,8 +611,7 @@ def hover_of_sums(parameters: Mapping[str, float], sums: Mapping[str, float]) ->
 
 
 VOLTAGE = "battery_voltage"
-#: The lowest height of the log is that of the ground when the flight stays so far above it; else the ground
-#: is taken to be so far below the flight [m].
+#: The log's lowest height is the ground if the flight stays so far above; else that is so far below it [m].
 ABOVE_GROUND, BELOW_FLIGHT = 0.1, 0.5
 
 

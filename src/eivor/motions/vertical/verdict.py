@@ -429,7 +429,7 @@ PARTS = (
 
 # -- Limits and rules --
 
-WORDS = TABLES.flight_words
+WORDS = TABLES.words
 QUICKER = "Fly quicker steps, and log command and acceleration at 50 Hz or more."
 LARGER_STEPS = "Fly quicker and larger steps, which change the thrust more."
 LONGER = "Fly longer, faster climbs and descents, or pool several flights."
