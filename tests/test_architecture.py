@@ -31,9 +31,9 @@ BOUNDS = {
     "files in circles of imports": 0,
     "imports of the package inside functions": 0,
     "imports of the package for type checking only": 0,
-    "files": 196,
-    "lines": 65_030,  # To be 64,000 again
-    "lines of code without docstrings and imports": 43_504,  # And 41,000
+    "files": 195,
+    "lines": 64_971,  # To be 64,000 again
+    "lines of code without docstrings and imports": 43_478,  # And 41,000
     "files of fewer than 60 lines": 2,
     "files of more than 900 lines": 0,
     "files in the largest folder": 19,
