@@ -426,11 +426,7 @@ class Estimate:
 
     def to_json(self) -> str:
         """Text of a JSON document: the table of `to_frame`, row by row, and the covariance."""
-
-        def finite(value: str | float) -> str | float | None:
-            return None if isinstance(value, float) and not math.isfinite(value) else value
-
-        rows = [{key: finite(value) for key, value in row.items()} for row in self.to_frame().to_dicts()]
+        rows = json.loads(self.to_frame().write_json())  # what is not finite is null
         covariance = self.covariance.tolist() if self.has_covariance else None
         document = {"method": self.method, "parameters": rows, "covariance": covariance}
         return json.dumps(document, indent=2, allow_nan=False) + "\n"

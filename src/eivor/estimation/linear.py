@@ -168,7 +168,7 @@ def shrinkage_bias(solution: Solution, parameters: tuple[Parameter, ...]) -> tup
     each = zip(parameters, done.shift, strict=True)
     moves = ", ".join(f"{item.name} by {move:.3g} {item.unit}".rstrip() for item, move in each)
     sentence = (
-        f"Regularised ({done.scheme}, parameter {done.parameter:.3g} by {done.choice}): "
+        f"Regularised (tikhonov, parameter {done.parameter:.3g} by {done.choice}): "
         f"{done.kept:.3g} of {done.shift.size} parameters are left, and it moved {moves}."
     )
     status = Status.IDENTIFIED if done.kept >= MOSTLY_LEFT * done.shift.size else Status.WEAK

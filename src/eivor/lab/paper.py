@@ -168,24 +168,17 @@ Series = Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True, slots=True)
-class AlternatingNoise(MeasurementNoise):
+class AlternatingNoise(FractionalNoise):
     """Fractional noise with binom(order, j) as weights, which is (-1)^k Delta^order of white noise."""
 
-    std: float
-    order: float
-
-    @property
-    def _fractional(self) -> FractionalNoise:
-        return FractionalNoise(self.std, self.order)
-
     def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
-        return (-1.0) ** lag * self._fractional.autocovariance(lag, start, count)
+        return (-1.0) ** lag * FractionalNoise.autocovariance(self, lag, start, count)
 
     def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
-        return (-1.0) ** np.arange(count) * self._fractional.moving_average(count)
+        return (-1.0) ** np.arange(count) * FractionalNoise.moving_average(self, count)
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        return (-1.0) ** np.arange(count) * self._fractional.sample(count, rng)
+        return (-1.0) ** np.arange(count) * FractionalNoise.sample(self, count, rng)
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,7 +333,7 @@ def _known_by_variance(signals: Signals) -> Signals:
     count, start = signals.sample_count, signals.offset
     noise = {
         name: WhiteNoise(item.std * float(np.sqrt(mean_variance(item.order, count, start))))
-        if isinstance(item, FractionalNoise | AlternatingNoise)
+        if isinstance(item, FractionalNoise)
         else item
         for name, item in signals.noise.items()
     }

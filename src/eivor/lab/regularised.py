@@ -110,7 +110,7 @@ class Tikhonov:
         parameter = problem.cross_validated() if self.parameter is None else float(self.parameter)
         theta = back(problem.solution(parameter))
         kept = float(problem.kept(np.array([parameter]))[0])
-        return theta, Shrinkage("tikhonov", chosen, parameter, kept, theta - back(problem.solution(0.0)))
+        return theta, Shrinkage(chosen, parameter, kept, theta - back(problem.solution(0.0)))
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,6 @@ class LinearSystem:
 class Shrinkage:
     """What regularisation did to a solution."""
 
-    scheme: str
     choice: str
     parameter: float
     kept: float  # Number of parameters that are left, of n
