@@ -108,7 +108,6 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
     },
     "Prior": {"mean": ANY_NUMBER, "std": NUMBER},
     "FractionalNoise": {"std": NUMBER, "order": {"negative"}},
-    "FractionalDifferenceModel": {"output_channel input_channel": {"text"}},
     "FractionalTerm": {"order": ANY_NUMBER, "lag": {"whole"}},
     "UnknownOrder": {"name": {"text"}, "low": {"negative"}, "high": NUMBER},
     "FractionalDifferenceModel.problem": {"instruments": {"list"}, "divided_by_output_at": {"none"}},
@@ -210,7 +209,7 @@ def made():
     m.fit = ev.identify(m.rows, m.iv)
     m.scenario = ev.Scenario(0.3, 0.02, samples=50)
     m.motion = ev.VerticalMotion(intercept=False)
-    m.fractional = ev.FractionalDifferenceModel((0.0, 0.5), (0.0,), input_channel="input")
+    m.fractional = ev.FractionalDifferenceModel((0.0, 0.5), (0.0,))
     m.fractional_signals = ev.Signals(1.0, {"output": y, "input": X[:, 1]})
     m.recording = ev.recording_from_columns({"time": np.arange(0.0, 12.0, 0.2), "velocity_z": y})
     m.drawn, m.found = ev.bootstrap(m.rows, m.iv, runs=49), ev.anderson_rubin_set(m.rows, m.iv)

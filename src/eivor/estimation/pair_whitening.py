@@ -23,7 +23,7 @@ from eivor.estimation.sampled_motion import (
     inner,
     prior_of,
 )
-from eivor.estimation.weighting import POWER_FLOOR, RowWeighting, WhitenedRows
+from eivor.estimation.weighting import POWER_FLOOR, RENEWALS, RowWeighting, WhitenedRows
 from eivor.inference.diagnostics.record import orthonormal_basis
 from eivor.models.regression import Regression
 from eivor.models.separable import Nuisance, SampledState, SeparableProblem, Values
@@ -274,7 +274,6 @@ class PairWhitening(RowWeighting):
     """Combine both equations of a sampled state by the spectrum of what they leave."""
 
     corrected: bool  # By the residuals' periodogram; else the likelihood's model as it is
-    passes: int = 3
 
     def first_pass(self, problem: SeparableProblem) -> PairRows:
         first_values = problem.first_values
@@ -282,7 +281,7 @@ class PairWhitening(RowWeighting):
         paired_bins(problem, np.zeros(bins.regressors.shape[1]), first_values)
         entries = np.ones(bins.responses.shape[0])
         C = PairSpectrum(entries, entries, 0.0j * entries)
-        return _weighted(problem, bins, self.corrected, C, entries, self.passes - 1)
+        return _weighted(problem, bins, self.corrected, C, entries, RENEWALS)
 
     def last_pass(self, problem: SeparableProblem, theta: Vector, nuisances: Values, /) -> PairRows:
         return _by_residuals(problem, self.corrected, theta, nuisances, 0)

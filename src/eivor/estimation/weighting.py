@@ -204,6 +204,8 @@ class EqualRows(RowWeighting):
         return WeightedRows(problem, 0)
 
 
+#: Weights of spectral rows are renewed so often.
+RENEWALS = 2
 #: Power never falls below this share of its median, so that no bin takes all the weight.
 POWER_FLOOR = 1e-6
 #: Rows of a column at so many points at once; more would fill the memory.
@@ -303,12 +305,10 @@ class WhitenedRows(WeightedRows):
 class SpectralWhitening(RowWeighting):
     """Blend two responses and whiten all columns, with orthonormal instruments (so two-stage as well)."""
 
-    passes: int = 3
-
     def first_pass(self, problem: SeparableProblem) -> WhitenedRows:
         bins = problem.bins(problem.first_values)
         count = bins.responses.shape[0]
-        return _whitened(problem, bins, np.full(count, 0.5), np.ones(count), self.passes - 1)
+        return _whitened(problem, bins, np.full(count, 0.5), np.ones(count), RENEWALS)
 
     def last_pass(self, problem: SeparableProblem, theta: Vector, nuisances: Values, /) -> WhitenedRows:
         return whitened_by_residuals(problem, theta, nuisances)

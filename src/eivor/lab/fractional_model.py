@@ -507,16 +507,12 @@ class FractionalDifferenceModel:
     input: tuple[float | UnknownOrder | FractionalTerm, ...]
     # What an order means: `FractionalDifference` of samples, or `FractionalDerivative` by time
     operator: FractionalOperator = field(default_factory=FractionalDifference)
-    output_channel: str = "output"  # Channels of the record
-    input_channel: str = "input"
 
     def __post_init__(self) -> None:
         for side in ("output", "input"):
             object.__setattr__(self, side, terms_of(side, getattr(self, side)))
         remedy = "Leave it out, or give FractionalDerivative()."
         checks.kind("operator", self.operator, FractionalOperator, "an operator", remedy)
-        checks.text("output_channel", self.output_channel)
-        checks.text("input_channel", self.input_channel)
         leading = self._of_side("output")[0].order
         if isinstance(leading, UnknownOrder):
             raise ParameterError(
@@ -558,7 +554,7 @@ class FractionalDifferenceModel:
         Parameters
         ----------
         signals : Signals
-            One whole record that was at rest before it began, with the channels of output and input, and
+            One whole record that was at rest before it began, with the channels `output` and `input`, and
             the noises of those that are not exact.
         instruments : tuple of Column
             Such as ``ev.lags("input", 0, 10)``. Lags of the input share noise with its differences of any
@@ -585,7 +581,7 @@ class FractionalDifferenceModel:
         """
         checks.kind("signals", signals, Signals, "Signals", "Make them: ev.Signals(rate_hz, channels).")
         check_columns("instruments", instruments)
-        for channel in (self.output_channel, self.input_channel):
+        for channel in ("output", "input"):
             signals.channel(channel)
         both_sides = np.ones(1)
         if divided_by_output_at is not None:
@@ -600,7 +596,7 @@ class FractionalDifferenceModel:
         )
         series = FilteredSignals(signals, self.operator, known, both_sides)
         first = self._of_side("output")[0]
-        response = FractionalPart(self.output_channel, first.order, first.lag)
+        response = FractionalPart("output", first.order, first.lag)
         return FractionalProblem(series, response, tuple(self._terms()), instruments, orders)
 
     def impulse_response(self, parameters: Parameters, count: int, *, rate_hz: float = 1.0) -> Series:
@@ -705,10 +701,9 @@ class FractionalDifferenceModel:
 
     def _terms(self) -> Iterator[tuple[Parameter, FractionalPart]]:
         """Right side of the equation solved for the first term of the output."""
-        sides = (("output", self.output_channel, -1.0, 2), ("input", self.input_channel, 1.0, 1))
-        for side, channel, sign, first in sides:
+        for side, sign, first in (("output", -1.0, 2), ("input", 1.0, 1)):
             for number, term in enumerate(self._of_side(side)[first - 1 :], start=first):
-                part = FractionalPart(channel, term.order, term.lag, sign)
+                part = FractionalPart(side, term.order, term.lag, sign)
                 yield Parameter(f"{side}_coefficient_{number}"), part
 
     def _solved_for_output(self, parameters: Parameters, count: int, *, rate_hz: float) -> Series:

@@ -205,7 +205,6 @@ class LaggedRuns(SeparableProblem):
     #: Those of the fixed columns first; every axis has a column for each, maybe of zeros.
     parameters: tuple[Parameter, ...]
     nuisances: tuple[Nuisance, ...]  # What moves columns
-    intercepts: bool = True  # Whether rows in time lose mean and line of their run, as rows in frequency do
     #: What is known of the noises in rows in time. Default: nothing, and that instruments are exact.
     noise: Callable[[Values], RowNoise] | None = None
     #: The same flights with so much more of every noise that is known: the difference has their covariance.
@@ -407,16 +406,13 @@ class LaggedRuns(SeparableProblem):
             yield columns
 
     def _timed(self, blocks: Iterable[Float[np.ndarray, "_ columns"]]) -> Float[np.ndarray, "rows columns"]:
-        """Samples of all runs that count, without mean and line of their run when it has an intercept."""
+        """Samples of all runs that count, without mean and line of their run, as rows in frequency are."""
         rows: list[np.ndarray] = []
         for (item, run), block in zip(self._cut(), blocks, strict=True):
             polynomials, counted = trend(run.stop - run.start, item.step_s), item.counted(run)
             chosen = slice(None) if counted is None else counted
-            kept = block[chosen]
-            if self.intercepts:
-                basis, _ = np.linalg.qr(polynomials[chosen])
-                kept = kept - basis @ (basis.T @ kept)
-            rows.append(kept)
+            kept, (basis, _) = block[chosen], np.linalg.qr(polynomials[chosen])
+            rows.append(kept - basis @ (basis.T @ kept))
         return np.concatenate(rows)
 
     @cached_property

@@ -248,20 +248,18 @@ class SpectralRegression:
 
     def whitened(self, blend: PerBin, power: PerBin, instruments: Float[np.ndarray, "rows q"]) -> Regression:
         """Rows with the responses blended and every column divided by sqrt(power)."""
-        rows = self.whitened_rows(blend, power, self.regressors)
+        rows = self.whitened_rows(blend, power)
         regression = Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, self.layout)
         if self.noisier is None:
             return regression
         more = self.noisier().whitened(blend, power, instruments)
         return replace(regression, regressor_noise=noise_of_surrogate(regression, more))
 
-    def whitened_rows(
-        self, blend: PerBin, power: PerBin, regressors: Complex[np.ndarray, "bins k"]
-    ) -> Float[np.ndarray, "rows k_plus_1"]:
-        """Real rows of [y Phi], the responses blended, for any regressors; see `whitened`."""
+    def whitened_rows(self, blend: PerBin, power: PerBin) -> Float[np.ndarray, "rows n_plus_1"]:
+        """Real rows of [y Phi], the responses blended; see `whitened`."""
         response = (1.0 - blend) * self.responses[:, 0] + blend * self.responses[:, -1]
         weight = 1.0 / np.sqrt(power)
-        return self.layout.stacked(np.column_stack([response, regressors]) * weight[:, None])
+        return self.layout.stacked(np.column_stack([response, self.regressors]) * weight[:, None])
 
     def residuals(self, theta: Float[np.ndarray, " n"]) -> Complex[np.ndarray, "bins r"]:
         return self.responses - (self.regressors @ theta)[:, None]

@@ -686,7 +686,7 @@ def _answers(problem: LaggedRuns, estimate: Estimate, flights: Flights) -> dict[
 
     searched = [item for item in problem.nuisances if item.searched]
     slopes = [item.derivative(lambda to: problem.bins(to).regressors @ theta, at) for item in searched]
-    whole = bins.whitened_rows(blend, power, bins.regressors)
+    whole = bins.whitened_rows(blend, power)
     residual = whole[:, 0] - whole[:, 1:] @ theta
     X, instruments = rows(np.column_stack([bins.regressors, *slopes])), rows(bins.instruments)
     Q = _range(instruments)

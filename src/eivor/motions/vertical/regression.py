@@ -348,7 +348,6 @@ def vertical_problem(
         tuple(columns),
         (*motion.parameters, *(term.parameter for term in terms)),
         nuisances,
-        motion.intercept,
         partial(row_noise, flights, motion.input_map, len(terms), width, rule),
         flights=flights,
         motion=motion,
