@@ -16,7 +16,8 @@ import numpy as np
 import polars as pl
 
 import eivor as ev
-from eivor.lab.figures import CoverageRow, coverage_figure
+from eivor.lab.figures import coverage_figure
+from eivor.lab.study import Share
 from eivor.report.figure_panels import estimates_figure, pair_figure
 from eivor.report.figures import residual_figure
 from validation.coverage.study import BOUNDS, JUDGED, read_coverage
@@ -69,16 +70,11 @@ def coverage_of_the_study() -> object:
     rows = read_coverage(COVERAGE).filter(
         pl.col("samples") == min(BOUNDS), pl.col("method").is_in([JUDGED, "newey_west", "classical"])
     )
-    displayed = [
-        CoverageRow(
-            row["method"].replace("_", " "),
-            f"{row['scenario']}, {SYMBOLS[row['parameter']]}",
-            row["hits"],
-            row["count"],
-        )
-        for row in rows.iter_rows(named=True)
-    ]
-    return coverage_figure(displayed, band=BOUNDS[min(BOUNDS)], title=f"Coverage at N = {min(BOUNDS)}")
+    shares: dict[str, dict[str, Share]] = {}
+    for row in rows.iter_rows(named=True):
+        group = f"{row['scenario']}, {SYMBOLS[row['parameter']]}"
+        shares.setdefault(row["method"].replace("_", " "), {})[group] = Share(row["hits"], row["count"])
+    return coverage_figure(shares, title=f"Coverage at N = {min(BOUNDS)}")
 
 
 if __name__ == "__main__":

@@ -216,8 +216,7 @@ def banded(
     return centre, np.sqrt(np.bincount(position, amplitude**2) / count)
 
 
-PANEL_WIDTH, ROW_HEIGHT = 3.6, 0.34
-INTERVAL_COLOURS = (BLUE, DARK, "#a06a00", "#1b7f3b", "#7b3f9e")
+PANEL_WIDTH = 3.6
 #: Share of a panel's width that is left free at both ends.
 MARGIN = 0.12
 #: At most so many points of a cloud are drawn.
@@ -259,42 +258,17 @@ def estimates_figure(
             row = PlottedInterval(label, float(value), (estimate.interval(name),))
             rows.setdefault(name, []).append(row)
             units.setdefault(name, unit)
-    draw, marked = partial(_draw_intervals, labels=[*estimates]), truth or {}
+    marked = truth or {}
     panels: Panels = {
-        name: partial(draw, rows=of_name, truth=marked.get(name), words=axis_words(name, units[name]))
+        name: partial(draw_forest, rows=of_name, words=axis_words(name, units[name]), truth=marked.get(name))
         for name, of_name in rows.items()
     }
 
     def made(names: tuple[str, ...]) -> dict[str, Axes]:
-        size = PANEL_WIDTH * len(names) + 1.2, ROW_HEIGHT * (len(estimates) + 1) + 1.3
-        placed = mosaic(page(*size, title or "estimates and their 95 % intervals"), [names])
-        for name in names[1:]:
-            placed[name].tick_params(labelleft=False)
-        return placed
+        size = PANEL_WIDTH * len(names) + 0.4, FOREST_ROW_INCHES * (len(estimates) + 1) + 1.3
+        return mosaic(page(*size, title or "estimates and their 95 % intervals"), [names])
 
     return drawn(panels, made)
-
-
-def _draw_intervals(
-    axes: Axes, rows: Sequence[PlottedInterval], labels: Sequence[str], truth: float | None, words: str
-) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    limits = _interval_limits(rows, truth)
-    axes.set_xlim(*limits)
-    for index, row in enumerate(rows):
-        colour = INTERVAL_COLOURS[labels.index(row.label) % len(INTERVAL_COLOURS)]
-        _draw_interval(axes, row, index, limits, colour)
-    if truth is not None:
-        axes.axvline(truth, color=RED, lw=1.2, ls="--", label="truth")
-        legend(axes, size=7)
-    axes.set_yticks(range(len(rows)), [printable(row.label) for row in rows], fontsize=9)
-    for text in axes.get_yticklabels():
-        text.set_parse_math(False)
-    axes.set_ylim(len(rows) - 0.4, -0.6 - 0.5 * (truth is not None))
-    axes.tick_params(axis="x", labelsize=8)
-    axes.xaxis.set_major_locator(MaxNLocator(5))
-    labelled(axes, x=words, size=9.0)
 
 
 def pair_figure(
@@ -382,16 +356,17 @@ FOREST_MARKS = {Status.PROVISIONAL: "s", Status.REFUSED: "x"}
 WIDEST = 6.0
 
 
-def draw_forest(axes: Axes, rows: Sequence[PlottedInterval], words: str) -> None:
-    """Draw intervals below each other, with labels and numbers above them."""
+def draw_forest(axes: Axes, rows: Sequence[PlottedInterval], words: str, truth: float | None = None) -> None:
+    """Draw intervals below each other, with labels and numbers above them, and maybe a line at the truth."""
     from matplotlib.ticker import MaxNLocator
 
     pieces = [(row, piece, piece[1] - piece[0]) for row in rows for piece in row.pieces]
     widths = [width for _, _, width in pieces if math.isfinite(width)]
     widest = WIDEST * float(np.median(widths)) if widths else 0.0
     narrow = [replace(row, pieces=(piece,)) for row, piece, width in pieces if width <= widest]
-    limits = _interval_limits(narrow, None)
-    letters = int(LETTERS_PER_INCH * 9.0 / 8.0 * axes.figure.bbox.width / axes.figure.dpi)
+    limits = _interval_limits(narrow, truth)
+    inches = axes.figure.bbox.width / axes.figure.dpi / axes.get_gridspec().ncols  # type: ignore[union-attr]
+    letters = int(LETTERS_PER_INCH * 9.0 / 8.0 * inches)
     across = axes.get_yaxis_transform()
     for index, row in enumerate(rows):
         colour = DARK if row.status is None or row.whole else STATUS_COLOURS[row.status]
@@ -400,6 +375,9 @@ def draw_forest(axes: Axes, rows: Sequence[PlottedInterval], words: str) -> None
         label, room = printable(row.label), max(letters - len(row.numbers) - 2, 2)
         for position, text, side in ((0.0, shortened(label, room), "left"), (1.0, row.numbers, "right")):
             axes.text(position, index - 0.32, text, ha=side, fontsize=8, transform=across, parse_math=False)
+    if truth is not None:
+        axes.axvline(truth, color=RED, lw=1.2, ls="--", label="truth")
+        legend(axes, size=7)
     axes.set_xlim(*limits)
     axes.set_ylim(len(rows) - 0.6, -0.85)
     axes.set_yticks([])
