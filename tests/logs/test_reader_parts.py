@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import mmap
-import struct
 import tracemalloc
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -17,22 +16,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eivor as ev
-from eivor.errors import CorruptLogError, EivorError, InputError, UnknownFormatError, UsageError
+from eivor.errors import EivorError, InputError
 from eivor.flights.grid import upward
 from eivor.logs import common, log_format
-from eivor.logs import read as reading
 from eivor.logs.channel_map import parse_expression
-from eivor.logs.common import KeptChannels, LogFormat, begins_with
+from eivor.logs.common import KeptChannels
 from eivor.logs.crazyflie import SOURCES, TO_LOG
 from eivor.logs.dataflash import channels, messages, sources
 from eivor.logs.dataflash.messages import Messages, find_offsets, read_layouts
-from eivor.logs.read import declare_format, log_formats, readable_formats
 from eivor.logs.rosbag import topics
 from eivor.logs.rosbag.messages import decoded, message_layout, parsed_types
 from eivor.logs.table.columnar import write_recording
 from eivor.logs.ulog.channels import _release
 from eivor.motions.vertical.select import INPUTS
-from eivor.report.flight import logging_advice_for
 from eivor.signals.channels import CurveSide, canonical_channel, held_by_default, unit_of
 from eivor.signals.recording import Channel, LogOrigin, utc_time
 from logs.test_table import COLUMNS
@@ -325,66 +321,6 @@ def test_advice():
     assert log_format("ulog").advice("nonsense") == ()
     assert "'input'" in log_format("parquet").advice("input")[0]
     assert "vehicle_thrust_setpoint" in log_format("mcap").advice("input")[0]
-
-
-@pytest.fixture
-def table(monkeypatch):
-    """The table of formats, which is as it was after the test."""
-    monkeypatch.setattr(reading, "_DECLARED", {})
-
-
-# A new format is one file like this part, and one line: declare_format(WHEELS).
-
-
-def read_wheels(file, options):
-    body = file.read_bytes()[4:]
-    if len(body) % 16:
-        raise CorruptLogError("pairs of doubles", f"'{file.name}' of {len(body)} bytes", "Copy it again.")
-    time_s, speed = np.frombuffer(body, dtype="<f8").reshape(-1, 2).T
-    recording = ev.recording_from_columns({"time": time_s, "velocity_z": speed}, name=file.name)
-    return replace(recording, format=WHEELS.name, sha256=options.sha256)
-
-
-WHEELS = LogFormat(
-    "wheels",
-    "Wheels log",
-    begins_with(b"WHL1"),
-    read_wheels,
-    advice=lambda channel: (f"Turn on {channel}.",) if channel else ("Turn on everything.",),
-    setpoints="the steering",
-)
-
-
-def test_a_format_from_outside(table, tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_bytes(b"WHL1" + struct.pack("<4d", 0.0, 1.0, 0.1, 2.0))
-    with pytest.raises(UnknownFormatError, match=r"MCAP, MATLAB, HDF5, CSV"):
-        ev.read_log(path)
-    declare_format(WHEELS)
-    r = ev.read_log(path)
-    assert (r.format, len(r.sha256)) == ("wheels", 64)
-    assert r.channels["velocity_z"].values.tolist() == [1.0, 2.0]
-    assert log_format("wheels").advice("") == ("Turn on everything.",)
-    assert logging_advice_for(r, "input") == ("Turn on input.",)
-    with pytest.raises(UsageError, match="a channel map with the Wheels log"):
-        ev.read_log(path, channel_map="rotorpy")
-    path.write_bytes(b"nothing")
-    with pytest.raises(UnknownFormatError, match=r"MCAP, MATLAB, HDF5, Wheels log, CSV"):
-        ev.read_log(path)
-
-
-def test_declared_formats_do_not_take_the_place_of_others(table):
-    declare_format(WHEELS)
-    declare_format(WHEELS)
-    assert [row.name for row in log_formats()].count("wheels") == 1
-    for name in ("ulog", "gzip", "wheels"):
-        taken = LogFormat(name, "Another", begins_with(b"WHL1"), read_wheels)
-        with pytest.raises(UsageError, match=f"name of its own; received '{name}'"):
-            declare_format(taken)
-    assert [row.name for row in readable_formats()] == [
-        *("ulog", "ulog2csv", "parquet", "crazyflie", "blackbox", "dataflash", "ros1", "ros2", "mcap"),
-        *("matlab", "hdf5", "wheels", "csv"),
-    ]
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

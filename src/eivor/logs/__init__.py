@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from eivor.logs.common import LogFormat, ReadOptions
-from eivor.logs.read import DEFAULT_MAX_BYTES, declare_format, log_format, read_log
+from eivor.logs.read import DEFAULT_MAX_BYTES, log_format, read_log
 
 __all__ = [
     "DEFAULT_MAX_BYTES",
     "LogFormat",
     "ReadOptions",
-    "declare_format",
     "log_format",
     "read_log",
 ]

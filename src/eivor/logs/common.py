@@ -386,7 +386,6 @@ class ReadOptions:
     """What a reader receives besides the file."""
 
     channel_map: str | os.PathLike[str] | None = None
-    sha256: str = ""  # Hash of the file's bytes, for readers of other packages
     max_bytes: int = 1 << 30  # Largest file that is read, which bounds what its content may become
 
 

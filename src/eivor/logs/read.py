@@ -183,31 +183,17 @@ TABLES = "eivor.logs.table.columnar:TEXTS"
 #: Ends of names of logs of formats that are recognised, or that others read: the reader says what to do.
 FURTHER_ENDINGS = (".bag", ".db3", ".db3.zstd", ".mcap", ".mcap.zstd", ".tlog")
 
-#: What other packages have declared, by name; compared before texts.
-_DECLARED: dict[str, common.LogFormat] = {}
-
 
 def log_formats() -> Iterator[common.LogFormat]:
     """All formats, in the order in which a file is compared with them."""
     for reader in READERS:
         yield from resolve_name(reader)
-    yield from (*REFUSED, *_DECLARED.values())
-    yield from (UTF_32, UTF_16, *resolve_name(TABLES), EIGHT_BIT)
+    yield from (*REFUSED, UTF_32, UTF_16, *resolve_name(TABLES), EIGHT_BIT)
 
 
 def readable_formats() -> tuple[common.LogFormat, ...]:
     """Return the formats that are read."""
     return tuple(row for row in log_formats() if row.is_read)
-
-
-def declare_format(added: common.LogFormat) -> None:
-    """Add a format to the table, for this process. Declaring the same format again changes nothing."""
-    known = log_format(added.name)
-    if known is not None and known != added:
-        received = f"'{added.name}', which is known already"
-        raise UsageError("a format with a name of its own", received, "Rename it.")
-    if known is None:
-        _DECLARED[added.name] = added
 
 
 def log_format(name: str) -> common.LogFormat | None:
@@ -327,7 +313,7 @@ def read_log(
             expected = f"a channel map only with logs whose columns have any names ({taking})"
             received = f"a channel map with the {chosen.label} '{file.name}'"
             raise UsageError(expected, received, f"Leave the map out: what a {chosen.label} holds is known.")
-        options = common.ReadOptions(channel_map, sha256, max_bytes)
+        options = common.ReadOptions(channel_map, max_bytes)
         return replace(chosen.read(file, options), sha256=sha256)
     except OSError as error:
         raise _unreadable(file, error) from error
