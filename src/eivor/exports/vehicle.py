@@ -187,7 +187,8 @@ def describe(
     gone = _not_written(fitted, {name: why for name, why in missing.items() if name not in selected})
     numbers = (f"{words}: {selected[name].number.words}" for name, words in WORDS.items() if name in selected)
     comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *bounds, *changed, *gone)
-    none = {name: bound for name in TORQUES if (bound := _none(selected.get(name))) is not None}
+    bounded = {name: selected[name].number for name in TORQUES if name in selected}
+    none = {name: max(item.interval[1], 0.0) for name, item in bounded.items() if item.value == 0.0}
     made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone, none=none)
     hover = fitted.input_map.inverse(float(mapped_hover(made)[0])) if "thrust" in values else 0.0
     if (most := float(values.get("largest_command", [math.inf])[0])) <= hover:
@@ -195,11 +196,6 @@ def describe(
     lacks = (*LACKS.get(target, LACKS["others"]), *also)
     lost = (*_lost(made, target, lacks), *fitted.left_over(target, ELSEWHERE)) if draws is None else ()
     return replace(made, comments=(*comments, *lost), lost=lost)
-
-
-def _none(item: SimulatorNumber | None) -> float | None:
-    """Bound of what was measured as none."""
-    return max(item.number.interval[1], 0.0) if item is not None and item.number.value == 0.0 else None
 
 
 def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:

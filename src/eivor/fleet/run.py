@@ -104,14 +104,6 @@ def _work_of(logs: pl.DataFrame, rows: pl.DataFrame) -> tuple[pl.DataFrame, pl.D
     return opened, opened.filter(is_first & ~pl.col("is_there")), copies
 
 
-def _without_report(logs: pl.DataFrame, rows: pl.DataFrame, reports: Iterable[str]) -> pl.DataFrame:
-    """Logs with a result that have no report, by the hashes of the reports that are there."""
-    results = rows.filter(~pl.col("verdict").is_in([table.COPY, table.FAILED]))
-    there = pl.DataFrame({"sha256": list(reports)}, schema={"sha256": pl.String})
-    wanted = logs.join(results, on=KEY, how="semi", maintain_order="left")
-    return wanted.join(there, on="sha256", how="anti", maintain_order="left")
-
-
 #: Logs of a task: as few as give the number of tasks that progress is reported by, and at most so many.
 TASKS, MOST_LOGS = 100, 200
 #: Copies whose rows are written together.
@@ -217,7 +209,10 @@ class _Run:
         there = folder.there(options.motion)
         if self.shard.page_of is not None:
             with closing(table.reports_there(folder.folder)) as reports:
-                wanted = _without_report(logs, there, reports)
+                reported = pl.DataFrame({"sha256": list(reports)}, schema={"sha256": pl.String})
+            results = there.filter(~pl.col("verdict").is_in([table.COPY, table.FAILED]))
+            wanted = logs.join(results, on=KEY, how="semi", maintain_order="left")
+            wanted = wanted.join(reported, on="sha256", how="anti", maintain_order="left")
             for _ in self._mapped(replace(self.shard, only_reports=True), wanted):
                 pass
         self.progress(total, total)

@@ -364,7 +364,12 @@ def draw_forest(axes: Axes, rows: Sequence[PlottedInterval], words: str, truth: 
     widths = [width for _, _, width in pieces if math.isfinite(width)]
     widest = WIDEST * float(np.median(widths)) if widths else 0.0
     narrow = [replace(row, pieces=(piece,)) for row, piece, width in pieces if width <= widest]
-    limits = _interval_limits(narrow, truth)
+    ends = [end for row in narrow for piece in row.pieces for end in piece]
+    numbers = [*ends, *(row.value for row in narrow), math.nan if truth is None else truth]
+    finite = list(filter(math.isfinite, numbers)) or [0.0]
+    low, high = min(finite), max(finite)
+    margin = MARGIN * (high - low) if high > low else 0.1 * abs(high) or 0.1
+    limits = low - margin, high + margin
     inches = axes.figure.bbox.width / axes.figure.dpi / axes.get_gridspec().ncols  # type: ignore[union-attr]
     letters = int(LETTERS_PER_INCH * 9.0 / 8.0 * inches)
     across = axes.get_yaxis_transform()
@@ -386,14 +391,6 @@ def draw_forest(axes: Axes, rows: Sequence[PlottedInterval], words: str, truth: 
     axes.tick_params(axis="x", labelsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(5))
     labelled(axes, x=words, size=9.0)
-
-
-def _interval_limits(rows: Sequence[PlottedInterval], truth: float | None) -> tuple[float, float]:
-    numbers = [end for row in rows for piece in row.pieces for end in piece] + [row.value for row in rows]
-    finite = [x for x in [*numbers, *([] if truth is None else [truth])] if math.isfinite(x)] or [0.0]
-    low, high = min(finite), max(finite)
-    margin = MARGIN * (high - low) if high > low else 0.1 * abs(high) or 0.1
-    return low - margin, high + margin
 
 
 def forest_picture(

@@ -426,7 +426,13 @@ def _validation_json(validation: Validation) -> dict[str, Json]:
 def validation_document(validation: Validation) -> Document:
     """Document of a validation."""
     steps = validation.multi_step_prediction
-    parts = (_models_table(validation),) if steps is None else prediction_parts(steps, sentence=False)
+    columns = ("predicted", "by", TableColumn("RMS error", right=True, strong=True), "unit")
+    rows, before = [], ""
+    for what, *others in _rows(validation):
+        rows.append(("" if what == before else what, *others))
+        before = what
+    models = table((*columns, TableColumn("explained", right=True)), rows)
+    parts = (models,) if steps is None else prediction_parts(steps, sentence=False)
     sections = [Section("", (_validation_facts(validation), *parts))]
     if validation.comparisons:
         sections.append(Section("This flight by itself", (_comparison_table(validation.comparisons),)))
@@ -451,15 +457,6 @@ def _validation_facts(validation: Validation) -> Facts:
         facts["fitted"] = "the trim and the start of each run, for every model alike"
         facts["band"] = f"{low:g} to {high:g} Hz, one step ahead; all frequencies in open loop"
     return Facts(tuple(facts.items()))
-
-
-def _models_table(validation: Validation) -> TableOf:
-    columns = ("predicted", "by", TableColumn("RMS error", right=True, strong=True), "unit")
-    rows, before = [], ""
-    for what, *others in _rows(validation):
-        rows.append(("" if what == before else what, *others))
-        before = what
-    return table((*columns, TableColumn("explained", right=True)), rows)
 
 
 def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> TableOf:

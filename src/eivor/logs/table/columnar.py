@@ -437,20 +437,16 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
         raise UsageError(expected, f"'{position.name}'", "Change the ending.")
     if not recording.channels:
         raise UsageError("a recording with channels", "one without", "Nothing can be written.")
-    time = _all_stamps(recording)
+    clocks: list[np.ndarray] = []
+    for channel in recording.channels.values():
+        if not any(np.array_equal(channel.time_s, clock) for clock in clocks):
+            clocks.append(channel.time_s)
+    time = clocks[0] if len(clocks) == 1 else np.unique(np.concatenate(clocks))
     channels = {name: _on_stamps(channel, time) for name, channel in recording.channels.items()}
     frame = pl.DataFrame({"time": time, **channels})
     on_own = [channel.name for channel in recording.channels.values() if channel.time_s.size != time.size]
     with atomic_write(position) as file:
         frame.write_parquet(file, metadata={METADATA_KEY: _metadata(recording, on_own)})
-
-
-def _all_stamps(recording: Recording) -> Float[np.ndarray, " n"]:
-    clocks: list[np.ndarray] = []
-    for channel in recording.channels.values():
-        if not any(np.array_equal(channel.time_s, clock) for clock in clocks):
-            clocks.append(channel.time_s)
-    return clocks[0] if len(clocks) == 1 else np.unique(np.concatenate(clocks))
 
 
 def _on_stamps(channel: Channel, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
