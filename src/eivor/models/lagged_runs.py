@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +29,7 @@ ASYMMETRIES = np.array([-0.6, 0.6])
 SECOND_STAGES = np.linspace(0.0, 0.249, 4)
 
 #: Complex numbers of moving columns that are remembered: the first that a search asks for, its grid's.
-MEMO_NUMBERS = 10_000_000
+MEMO_NUMBERS = 5_000_000
 
 #: Band of spectral rows [Hz].
 BAND_HZ = (0.04, 5.0)
@@ -128,7 +128,7 @@ INTERPOLATION_ERROR = 1e-9
 NO_LAG_S = 1e-9
 #: Samples of all axes and runs whose columns take a few milliseconds.
 COSTLY_SAMPLES = 50_000
-#: Most lags times delays of them for each nuisance: more take longer than a search.
+#: Most lags and delays of them for each nuisance: more take longer than a search.
 MOST_INTERPOLATED = 200
 #: The shortest second lag that is distinguished from none, as a share of the shortest lag.
 LEAST_SECOND_LAG = 0.05
@@ -158,12 +158,29 @@ class LagsAndDelays(Interpolation):
         return np.cos(np.pi * np.arange(self.lags) / (self.lags - 1))
 
     @cached_property
-    def points(self) -> list[dict[str, float]]:  # type: ignore[override]
-        """Every lag with every delay, which varies first."""
+    def _lags_s(self) -> Float[np.ndarray, " lags"]:
         low, high = self.ends
-        lags = np.exp(0.5 * (low + high) + 0.5 * (high - low) * self._nodes)
-        delays = self.step_s * np.arange(self.delays)
-        return [{ACTUATOR_LAG.name: a, DELAY.name: d} for a in lags.tolist() for d in delays.tolist()]
+        return np.exp(0.5 * (low + high) + 0.5 * (high - low) * self._nodes)
+
+    @cached_property
+    def points(self) -> list[dict[str, float]]:  # type: ignore[override]
+        """The input itself at every delay but the longest, and every lag at the longest."""
+        *delays, longest = (self.step_s * np.arange(self.delays)).tolist()
+        pairs = [(NO_LAG_S, delay) for delay in delays] + [(lag, longest) for lag in self._lags_s.tolist()]
+        stage = {SECOND_STAGE.name: 0.0}
+        return [{ACTUATOR_LAG.name: lag, DELAY.name: delay, **stage} for lag, delay in pairs]
+
+    @cached_property
+    def _of_points(self) -> Float[np.ndarray, "lags delays points"]:
+        """Columns at every lag and delay as sums of those at the points."""
+        # w(t - k) = exp(-h/tau) w(t - k - 1) + (1 - exp(-h/tau)) u(t - k - 1)
+        decay = np.exp(-self.step_s / self._lags_s)
+        sums = np.zeros((self.lags, self.delays, len(self.points)))
+        sums[:, -1, self.delays - 1 :] = np.eye(self.lags)
+        for k in range(self.delays - 2, -1, -1):
+            sums[:, k] = decay[:, None] * sums[:, k + 1]
+            sums[:, k, k] = 1.0 - decay
+        return sums
 
     def weights(self, points: Sequence[Values]) -> Float[np.ndarray, "points nodes"]:
         lags, delays = (
@@ -194,7 +211,8 @@ class LagsAndDelays(Interpolation):
         of_delay = np.zeros((lags.size, self.delays))
         of_delay[np.arange(lags.size), whole] = earlier
         of_delay[np.arange(lags.size), whole + 1] = 1.0 - earlier
-        return (of_lag[:, :, None] * of_delay[:, None, :]).reshape(lags.size, -1)
+        every = of_lag[:, :, None] * of_delay[:, None, :]
+        return every.reshape(lags.size, -1) @ self._of_points.reshape(-1, len(self.points))
 
 
 @dataclass(frozen=True)
@@ -266,41 +284,17 @@ class LaggedRuns(SeparableProblem):
         if len(names) < 2 or names != known or searched[1].first < 0.0:
             return None
         made = LagsAndDelays.of_grids(searched[0], searched[1], steps.pop(), staged=len(names) > 2)
-        count = made.lags * made.delays
-        numbers = count * sum(run.count for run in self._bin_layout.runs) * len(self.parameters)
+        count, moving = len(made.points), len(self.parameters) - self.still
+        numbers = count * sum(run.count for run in self._bin_layout.runs) * moving
         return made if count <= MOST_INTERPOLATED * len(names) and numbers <= MEMO_NUMBERS else None
 
     def moved_runs(self, points: Sequence[Values]) -> Iterator[MovedRun]:
-        between = self.interpolation
-        if between is not None and points is between.points:
-            yield from self._moved
-            return
         every = [self._moving_bins(point) for point in points]
-        for number, (item, _) in enumerate(self._cut()):
-            X = np.stack([blocks[number].T for blocks in every])
-            yield self._places(item), np.concatenate([X.real, X.imag], axis=2)
-
-    @cached_property
-    def _moved(self) -> list[MovedRun]:
-        """What moves in each run where columns are interpolated from."""
-        # what is linear in w(t - k) = exp(-h/tau) w(t - k - 1) + (1 - exp(-h/tau)) u(t - k - 1) follows so
-        between, runs, results = cast("LagsAndDelays", self.interpolation), iter(self._bin_layout.runs), []
-        last = between.points[between.delays - 1 :: between.delays]
-        decay = np.exp([[[-between.step_s / point[ACTUATOR_LAG.name]]] for point in last])
-        inputs = [{**point, ACTUATOR_LAG.name: NO_LAG_S} for point in between.points[: between.delays - 1]]
-        for item in self.columns:
-            made = [item.moving(point) for point in (*inputs, *last)]
-            index = self._places(item)
-            for run in item.runs:
-                spectra = next(runs).spectrum(np.concatenate([part[run].T for part in made]).T).T
-                seen = np.concatenate([spectra.real, spectra.imag], axis=1)
-                seen = seen.reshape(len(made), index.size, 2 * spectra.shape[1])
-                X = np.empty((len(last), between.delays, *seen.shape[1:]))
-                X[:, -1] = seen[len(inputs) :]
-                for k in range(len(inputs) - 1, -1, -1):
-                    X[:, k] = seen[k] + decay * (X[:, k + 1] - seen[k])
-                results.append((index, X.reshape(len(between.points), *seen.shape[1:])))
-        return results
+        for (item, _), *blocks in zip(self._cut(), *every, strict=True):
+            X = np.empty((len(blocks), blocks[0].shape[1], 2 * blocks[0].shape[0]))
+            for rows, block in zip(X, blocks, strict=True):
+                np.concatenate([block.real, block.imag], out=rows.T)
+            yield self._places(item), X
 
     def with_instruments(self, instruments: Sequence[Float[np.ndarray, "n p"]]) -> LaggedRuns:
         """The same with other instruments of each flight and axis."""

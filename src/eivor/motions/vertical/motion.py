@@ -338,7 +338,7 @@ class Vertical(Motion[VerticalFlights]):
 
     def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
         """Vertical acceleration without mean and line of each run."""
-        rows, theta = problem.rows(estimate.nuisances), estimate.theta
+        rows, theta = replace(problem).rows(estimate.nuisances), estimate.theta  # by a copy, that keeps none
         predicted, driven = rows.regressors @ theta, rows.regressors[:, 1] * theta[1]
         words = ("vertical acceleration", "m/s²", "K_u U − K z'", "K_u U")
         return (Trace(*words, rows.response, predicted, driven),)

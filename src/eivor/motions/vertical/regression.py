@@ -26,7 +26,7 @@ from eivor.signals.channels import family_members
 from eivor.signals.filters import actuator_state, shifted_by
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.signals import Signals
-from eivor.signals.thrust_map import InputMap
+from eivor.signals.thrust_map import InputMap, Power
 from eivor.tools import Float
 
 #: Share of the largest state over which the slope of an input map is taken.
@@ -341,6 +341,7 @@ def vertical_problem(
                 number,
                 band_hz=flight.band_hz,
                 valid=flight.signals.valid,
+                linear=motion.input_map == Power() and not (terms or flight.measured),
             )
         )
     width = columns[0].instruments.shape[1] if columns else 0
