@@ -141,20 +141,12 @@ class SpectralSolution:
         return np.delete(np.arange(self.tests.shape[0]), self.parameters + np.arange(self.nuisances.size))
 
     def scores(self) -> Float[np.ndarray, " n"]:
-        """Left sides of the equations, without the tests themselves: a step has no other use of them."""
-        motion = self.motion
-        right = self.spectrum.solved(self.residual)
-        shared = right * self.instrument.conj()
+        """Left sides of the equations."""
+        left = _products(self.tests, self.spectrum.solved(self.residual)[None])[:, 0]
         if self.input_variance:
-            shared += self.input_variance * self.spectrum.solved(motion.input_noise)
-        shared *= self.factors
-        parts = [
-            _products(motion.directions[: self.parameters], (shared * self.weights)[None]),
-            _products(self.nuisance_shapes, (right * self.factors)[None]),
-        ]
-        if self.noise_test is not None:
-            parts.append(_products(motion.input_noise[None], (shared * self.noise_test)[None]))
-        return np.concatenate(parts)[:, 0]
+            by_noise = self.spectrum.solved(self.motion.input_noise)
+            left[self.noisy] += self.input_variance * _products(self.of_noise, by_noise[None])[:, 0]
+        return left
 
     def stepped(self) -> sampled_motion.SampledMotion:
         step = -np.linalg.solve(self.sensitivity, self.scores())
