@@ -393,7 +393,7 @@ def test_blocks_are_the_products_of_their_rows(blocks):
         here = slice(edges[k], edges[k + 1])
         assert result.counts[k] == edges[k + 1] - edges[k]
         pairs = {"cross": (psi, phi), "instrument_response": (psi, y), "instruments": (psi, psi)}
-        pairs |= {"regressors": (phi, phi), "regressor_response": (phi, y), "power": (y, y)}
+        pairs |= {"columns": 2 * (np.column_stack([phi, y]),), "power": (y, y)}
         for name, (left, right) in pairs.items():
             np.testing.assert_allclose(getattr(result, name)[k], left[here].T @ right[here], atol=1e-12)
 

@@ -465,9 +465,8 @@ def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, .
 def _scores(direct: Estimate, instrumental: Diagnostics) -> instruments.DirectScores:
     products, theta = instrumental.record.products, direct.theta
     difference = theta - instrumental.estimate.theta
-    GG = np.asarray(products.regressors.sum(axis=0))
-    power = float(products.power.sum() - 2.0 * difference @ products.regressor_response.sum(axis=0))
-    power += float(difference @ GG @ difference)
+    GG = products.count * products.regressor_mean
+    power = float(products.with_residual(difference).power.sum())
     if direct.assembler.moment_equations:
         sensitivity = products.count * direct.system.matrix
         return instruments.DirectScores(difference, np.zeros(theta.size), direct.constant, sensitivity)

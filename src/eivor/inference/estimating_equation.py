@@ -129,16 +129,6 @@ class Products:
         return self.sums[:, self.tested :, self.tested :]
 
     @property
-    def regressors(self) -> Float[np.ndarray, "K n n"]:
-        """Phi phi' of each block."""
-        return self.columns[:, :-1, :-1]
-
-    @property
-    def regressor_response(self) -> Float[np.ndarray, "K n"]:
-        """Phi y of each block; phi e at an estimate."""
-        return self.columns[:, :-1, -1]
-
-    @property
     def power(self) -> Float[np.ndarray, " K"]:
         """y^2 of each block; e^2 at an estimate."""
         return self.columns[:, -1, -1]
