@@ -91,9 +91,14 @@ def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) ->
     p, averages = scores.total.shape[0], scores.cosines.shape[0]
     pivot = _solution(scores.total)[0]
     root = np.eye(p)
+    error = CollinearError(
+        "errors that vary, and independent moment equations",
+        "equations that hold without any error, or of which one is a combination of others",
+        "Leave out instruments that repeat others; data without any error need no confidence set.",
+    )
     for _ in range(2):
         at_pivot = scores.cosines @ np.concatenate([[1.0], -pivot])
-        root = _triangular_root(at_pivot / np.sqrt(averages), _no_error())
+        root = _triangular_root(at_pivot / np.sqrt(averages), error)
         pivot = _solution(scipy.linalg.solve_triangular(root, scores.total, lower=True))[0]
     frame = RegionFrame(pivot, _standard_errors(scores.total, root))
     whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
@@ -149,14 +154,6 @@ def _real_eigenvalues(M0: Square, M1: Square, M2: Square) -> list[float]:
     values = values[np.isfinite(values)]
     real = np.abs(values.imag) <= REAL_SHARE * np.abs(values)
     return [float(value) for value in gamma * values.real[real]]
-
-
-def _no_error() -> CollinearError:
-    return CollinearError(
-        "errors that vary, and independent moment equations",
-        "equations that hold without any error, or of which one is a combination of others",
-        "Leave out instruments that repeat others; data without any error need no confidence set.",
-    )
 
 
 def least_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) -> PerPoint:

@@ -22,7 +22,6 @@ from eivor.simulation.excitation import (
     constant,
     equally_many,
     largest_root,
-    settling,
 )
 from eivor.tools import Float
 
@@ -319,7 +318,8 @@ class Bilinear(Disturbance):
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         # Given w it is a linear recursion in x, which settles to its stationary variance.
         longest = max(term.series_lag for term in self.terms)
-        unused = longest * settling(self._growth)
+        # until what was before has fallen to a millionth
+        unused = longest * int(min(np.ceil(np.log(1e-6) / np.log(max(self._growth, 1e-6))), 100_000))
         shocks = self.std * rng.standard_normal(unused + count)
         coefficients = np.zeros((shocks.size, longest))
         for term in self.terms:

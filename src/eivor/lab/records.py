@@ -58,13 +58,6 @@ class SampledVehicle:
     ramp: float  # Velocity per acceleration that grows from 0 to 1 over the step [s]
 
 
-def sampled_vehicle(viscous_friction: float, input_gain: float, step_s: float) -> SampledVehicle:
-    """Step of a vehicle."""
-    x = viscous_friction * step_s
-    held, ramp = scipy.special.exprel(-x), 0.5 * scipy.special.hyp1f1(1.0, 3.0, -x)
-    return SampledVehicle(input_gain, step_s, float(np.exp(-x)), float(step_s * held), float(step_s * ramp))
-
-
 Series = Float[np.ndarray, " samples"]
 
 
@@ -94,18 +87,6 @@ def sampled_loop(vehicle: SampledVehicle, control: Control) -> SampledLoop:
     used = np.array([True, altitude_gain != 0.0, control.velocity_integral_gain != 0.0])
     error_effect = (vehicle.input_gain * present * push + sums)[used]
     return SampledLoop(matrix[np.ix_(used, used)], error_effect, push[used], from_state[used], present)
-
-
-def check_stable(vehicle: SampledVehicle, control: Control) -> None:
-    """Refuse gains with which the sampled loop is not stable."""
-    radius = float(np.abs(np.linalg.eigvals(sampled_loop(vehicle, control).matrix)).max())
-    if not radius < 1.0:
-        raise ParameterError(
-            "gains with which every mode of the control loop decays",
-            f"{control} at input_gain={vehicle.input_gain} and {1.0 / vehicle.step_s:g} Hz, a mode of which "
-            f"has the factor {radius:.6g}",
-            "Make the gains smaller, the velocity's of the sign of input_gain, or raise the rate.",
-        )
 
 
 def from_rest(
@@ -194,7 +175,14 @@ class Scenario:
             expected = "an input that is held between samples, as a sampled controller gives it"
             received = f"intersample '{self.intersample.value}' under control"
             raise ParameterError(expected, received, "Use hold, or leave the control out.")
-        check_stable(self.vehicle, self.control)
+        radius = float(np.abs(np.linalg.eigvals(sampled_loop(self.vehicle, self.control).matrix)).max())
+        if not radius < 1.0:
+            raise ParameterError(
+                "gains with which every mode of the control loop decays",
+                f"{self.control} at input_gain={self.input_gain} and {self.rate_hz:g} Hz, a mode of which "
+                f"has the factor {radius:.6g}",
+                "Make the gains smaller, the velocity's of the sign of input_gain, or raise the rate.",
+            )
 
     def _check_types(self) -> None:
         for name in ("viscous_friction", "input_gain", "rate_hz"):
@@ -215,7 +203,9 @@ class Scenario:
     @property
     def vehicle(self) -> SampledVehicle:
         """The vehicle from one sample to the next."""
-        return sampled_vehicle(self.viscous_friction, self.input_gain, self.step_s)
+        step_s, x = self.step_s, self.viscous_friction * self.step_s
+        held, ramp = step_s * scipy.special.exprel(-x), 0.5 * step_s * scipy.special.hyp1f1(1.0, 3.0, -x)
+        return SampledVehicle(self.input_gain, step_s, float(np.exp(-x)), float(held), float(ramp))
 
     @property
     def measured(self) -> tuple[str, ...]:

@@ -27,13 +27,6 @@ def equally_many(
     require(len(first_values) == len(others), f"as many {other} as {first}", received)
 
 
-def beginning_of(values: tuple[float, ...], count: int) -> Float[np.ndarray, " count"]:
-    """Beginning of a user's own series, which must be as long as the record."""
-    expected = f"a series of {count} values or more, as many as the record has samples"
-    require(len(values) >= count, expected, f"{len(values)}", "Give a longer one, or ask for fewer samples.")
-    return np.array(values[:count])
-
-
 #: A number of zero or more, above zero, of any size; several of any size.
 Size: TypeAlias = Annotated[float, non_negative]
 Positive: TypeAlias = Annotated[float, positive]
@@ -115,7 +108,10 @@ class GivenSeries(Excitation):
     values: Annotated[tuple[float, ...], given, (finite, "value")]
 
     def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        return beginning_of(self.values, count)
+        expected = f"a series of {count} values or more, as many as the record has samples"
+        remedy = "Give a longer one, or ask for fewer samples."
+        require(len(self.values) >= count, expected, f"{len(self.values)}", remedy)
+        return np.array(self.values[:count])
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,13 +296,6 @@ def largest_root(coefficients: Float[np.ndarray, " lags"]) -> float:
     if coefficients.size == 0:
         return 0.0
     return float(np.abs(np.roots(np.concatenate([[1.0], -coefficients]))).max(initial=0.0))
-
-
-def settling(ratio: float) -> int:
-    """Steps in which something that shrinks by `ratio` each falls to a millionth, 100,000 at most."""
-    if ratio <= 0.0:
-        return 1
-    return min(int(np.ceil(np.log(1e-6) / np.log(ratio))), 100_000)
 
 
 @dataclass(frozen=True, slots=True)
