@@ -200,9 +200,10 @@ def test_formulas_of_casadi_are_those_of_the_declaration(term, tmp_path):
     path = tmp_path / "jumping.toml"
     path.write_text(JUMPING.format(term=term, inertia=0.5), encoding="utf-8")
     machine, values = ev.load_machine(path), {"c": 0.7, "k": 1.3, "actuator_lag": 0.2, "delay": 0.1}
-    known = {name: (x, "1", 0.01, (x - 0.02, x + 0.02), Status.IDENTIFIED) for name, x in values.items()}
-    quantities, unknown = {name: Quantity(*item) for name, item in known.items()}, CurveSide.UNKNOWN
-    fitted = Fitted("jumping", quantities, "u", "linear", unknown, {}, False, (), (), "1", machine=machine)
+    known = {name: (x, "1", 0.01, (x - 0.02, x + 0.02)) for name, x in values.items()}
+    quantities = {name: Quantity(*item, verdict=Status.IDENTIFIED) for name, item in known.items()}
+    of_log = ("u", "linear", CurveSide.UNKNOWN, {}, False, (), (), "1")
+    fitted = Fitted("jumping", quantities, *of_log, machine=machine)
     (tmp_path / "f.py").write_text(target_by_name("casadi").export(fitted, Supplied()).text, encoding="utf-8")
     function = runpy.run_path(str(tmp_path / "f.py"))["f"]
     (equation,) = machine.solved(values)

@@ -161,7 +161,7 @@ def test_what_is_not_logged_refuses_the_thrust_gain(turning, logged, missing):
 def test_the_other_motion_is_given_the_lag_and_has_its_own_verdict(turning, monkeypatch):
     requested = {}
     why = Reason(Status.WEAK, "The input gain's interval is wide.", "Fly steps.")
-    gain = Quantity(30.0, "m/s^2", 1.0, (28.0, 32.0), Status.WEAK, reasons=(why,))
+    gain = Quantity(30.0, "m/s^2", 1.0, (28.0, 32.0), verdict=Status.WEAK, reasons=(why,))
 
     def identified(_logs, _motion, options, _windows, *, lag_measurements):
         requested.update(options=options, lag_measurements=lag_measurements)

@@ -129,7 +129,7 @@ def test_a_flight_that_cannot_keep_its_limits_is_refused(monkeypatch):
         ev.plan(ev.VehicleGuess(gust_rms=3.0, viscous_friction=1.0), limits=tight)
 
 
-WEAK, NAMES = Quantity(0.42, "", 0.1, (0.3, 0.5), Status.WEAK), ("viscous_friction", "effective_lag")
+WEAK, NAMES = Quantity(0.42, "", 0.1, (0.3, 0.5), verdict=Status.WEAK), ("viscous_friction", "effective_lag")
 QUANTITIES = dict.fromkeys(NAMES, WEAK) | {"hover_input": replace(WEAK, value=0.6)}
 QUANTITIES["input_gain"] = replace(WEAK, verdict=Status.IDENTIFIED)
 FLOWN = {

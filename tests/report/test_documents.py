@@ -150,7 +150,7 @@ PLAIN = QuantitySpec("x", "x", "")
 def test_the_interval_decides_the_digits(
     value: float, low: float, high: float, shown: tuple[str, str]
 ) -> None:
-    quantity = Quantity(value, "", NAN, (low, high), Status.WEAK)
+    quantity = Quantity(value, "", NAN, (low, high), verdict=Status.WEAK)
     assert QuantityRow("x", PLAIN, quantity).texts == shown
 
 
@@ -203,7 +203,7 @@ def card_of(fit: FlightEstimate, quantity: Quantity, side: CurveSide, old: float
 def test_the_card_sets_what_is_identified_and_in_the_terms_of_its_parameter(
     fit, verdict, side, old, setting, remark
 ):
-    hover = Quantity(0.515, "", 0.006, (0.503, 0.527), verdict)
+    hover = Quantity(0.515, "", 0.006, (0.503, 0.527), verdict=verdict)
     card = card_of(fit, hover, side, old)
     lines = [line for group in card.groups for line in group.lines if line.quantity == HOVER]
     assert [(line.setting, line.remark) for line in lines] == ([(setting, remark)] if setting else [])
@@ -215,7 +215,9 @@ def test_the_card_sets_what_is_identified_and_in_the_terms_of_its_parameter(
 
 
 def test_a_setting_is_not_broken(fit):
-    card = card_of(fit, Quantity(0.515, "", 0.006, (0.503, 0.527), Status.IDENTIFIED), CurveSide.BEFORE, 0.58)
+    card = card_of(
+        fit, Quantity(0.515, "", 0.006, (0.503, 0.527), verdict=Status.IDENTIFIED), CurveSide.BEFORE, 0.58
+    )
     text = _text(on_terminal(Document("flight", "", (), card)), 70)
     assert "MPC_THR_HOVER 0.58 -> 0.515" in map(str.strip, text.splitlines())
 
@@ -238,7 +240,7 @@ def test_only_a_contradiction_is_red(fit):
         Look.CONTRADICTED: Reason(Status.REFUSED, "It falls upward.", "Turn it.", Cause.CONTRADICTION),
     }
     for look, reason in reasons.items():
-        hover = Quantity(0.515, "", 0.006, (0.4, 0.6), Status.REFUSED, reasons=(reason,))
+        hover = Quantity(0.515, "", 0.006, (0.4, 0.6), reasons=(reason,))
         group = card_of(fit, hover, CurveSide.BEFORE, 0.58).groups[-1]
         why = "the interval is too wide." if look is Look.MISSING else reason.sentence
         assert (group.look, group.lines) == (look, (CardLine("Hover input", why, remark=reason.remedy),))
@@ -246,6 +248,6 @@ def test_only_a_contradiction_is_red(fit):
 
 def test_a_remedy_names_the_profile_that_logs_faster(fit):
     reason = Reason(Status.REFUSED, "It is slow.", "Log both at 50 Hz or more.")
-    hover = Quantity(0.515, "", 0.006, (0.4, 0.6), Status.REFUSED, reasons=(reason,))
+    hover = Quantity(0.515, "", 0.006, (0.4, 0.6), reasons=(reason,))
     (line,) = card_of(fit, hover, CurveSide.BEFORE, 0.58).groups[-1].lines
     assert line.remark == "Log both at 50 Hz or more (SDLOG_PROFILE 25)."

@@ -495,7 +495,7 @@ def without_fit(state: FlightState, sentence: str, remedy: str) -> FlightEstimat
 def not_estimated(motion: Motion[Any]) -> dict[str, Quantity]:
     """Quantities of a flight that gives no estimate."""
     return {
-        name: Quantity(NAN, spec.unit, NAN, NO_INTERVAL, Status.REFUSED)
+        name: Quantity(NAN, spec.unit, NAN, NO_INTERVAL)
         for name, spec in motion.quantities.items()
         if not spec.optional
     }

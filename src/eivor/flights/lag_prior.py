@@ -86,12 +86,14 @@ def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
     return QuantityEstimate(1.0 / of.value, unit, of.std_error / of.value**2, interval)
 
 
-def _lag_along(estimate: Estimate, value: float, direction: Float[np.ndarray, " n"]) -> QuantityEstimate:
-    """A lag with a gradient by the joint vector."""
+def linear_quantity(
+    estimate: Estimate, unit: str, value: float, gradient: Float[np.ndarray, " n"], variance: float = 0.0
+) -> QuantityEstimate:
+    """Quantity with a gradient by the joint vector, and with a variance besides."""
     covariance = estimate.joint_covariance
-    half = covariance.half_width(direction, LEVEL)
-    interval = (value - half, value + half)
-    return QuantityEstimate(value, "s", covariance.std_error(direction), interval, lowest=0.0)
+    half = covariance.half_width(gradient, LEVEL, variance)
+    error = hypot(covariance.std_error(gradient), sqrt(variance))
+    return QuantityEstimate(value, unit, error, (value - half, value + half))
 
 
 def within_sum(estimates: Mapping[str, QuantityEstimate]) -> dict[str, QuantityEstimate]:
@@ -116,7 +118,8 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
         delay = replace(delay, lowest=0.0)
     value, searched = lag.value + delay.value, [name for name in LAG_SUMS[EFFECTIVE_LAG] if name not in fixed]
     if len(searched) == 2:
-        effective = _lag_along(estimate, value, np.sum([*map(estimate.direction, searched)], axis=0))
+        gradient = np.sum([*map(estimate.direction, searched)], axis=0)
+        effective = replace(linear_quantity(estimate, "s", value, gradient), lowest=0.0)
     else:
         alone = joint[searched[0]] if searched else lag
         low, high = (end + (value - alone.value) for end in alone.interval)
@@ -136,7 +139,9 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
             share = 1.0 / (1.0 + sign * joint[ASYMMETRY.name].value)
             by_lag, by_asymmetry = map(estimate.direction, (ACTUATOR_LAG.name, ASYMMETRY.name))
             direction = share * by_lag - sign * lag.value * share**2 * by_asymmetry
-            quantities[name] = _lag_along(estimate, share * lag.value, direction)
+            quantities[name] = replace(
+                linear_quantity(estimate, "s", share * lag.value, direction), lowest=0.0
+            )
     return quantities
 
 

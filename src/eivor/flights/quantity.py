@@ -334,28 +334,18 @@ class QuantityEstimate:
 
     def judged(self, judgement: Verdict, wording: QuantitySpec) -> Quantity:
         """Return the quantity with its verdict; its interval holds possible values only."""
-        interval = replace(wording, lowest=max(wording.lowest, self.lowest)).possible(self.interval)
-        of_verdict = (judgement.status, self.by_run, judgement.reasons, self.systematic_uncertainties)
-        return Quantity(self.value, self.unit, self.std_error, interval, *of_verdict)
+        lowest = max(wording.lowest, self.lowest)
+        interval = replace(wording, lowest=lowest).possible(self.interval)
+        known = (self.value, self.unit, self.std_error, interval, self.by_run, lowest)
+        return Quantity(*known, self.systematic_uncertainties, judgement.status, judgement.reasons)
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
-    """One result."""
+class Quantity(QuantityEstimate):
+    """One result: the number with its verdict."""
 
-    value: float
-    unit: str
-    std_error: float
-    interval: tuple[float, float]
-    verdict: Status
-    by_run: tuple[float, ...] = ()
+    verdict: Status = Status.REFUSED
     reasons: tuple[Reason, ...] = ()  # Why no further, worst first
-    systematic_uncertainties: tuple[SystematicUncertainty, ...] = ()
-
-    @property
-    def half_width(self) -> float:
-        """Half the interval's width."""
-        return 0.5 * (self.interval[1] - self.interval[0])
 
     def widened(self, interval: tuple[float, float]) -> tuple[float, float]:
         """Another interval of the same, such as one of another level, with the systematic parts in it."""

@@ -14,7 +14,7 @@ from eivor.estimation.linear import OUTPUT_ERROR, LinearMethod, first_steps
 from eivor.estimation.methods import by_name
 from eivor.flights import motion
 from eivor.flights.grid import Active, Grid
-from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS, joint_quantities, lag_quantities
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS, joint_quantities, lag_quantities, linear_quantity
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.quantity import Implications, Quantity, QuantityEstimate, Trace
@@ -257,10 +257,8 @@ def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Quant
     gradient = ratio * estimate.direction(linear) + share * estimate.direction(quadratic)
     index = [estimate.names.index(name) for name in (linear, quadratic)]
     of_rotors, of_body = estimate.values[index].tolist()
-    value, covariance = ratio * of_rotors + share * of_body, estimate.joint_covariance
-    half = covariance.half_width(gradient, 0.95)
-    interval = value - half, value + half
-    return {FRICTION.name: QuantityEstimate(value, FRICTION.unit, covariance.std_error(gradient), interval)}
+    value = ratio * of_rotors + share * of_body
+    return {FRICTION.name: linear_quantity(estimate, FRICTION.unit, value, gradient)}
 
 
 #: Its upper end [Hz]: further up is next to nothing but vibration.

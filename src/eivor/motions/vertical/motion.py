@@ -93,7 +93,7 @@ def _hover(of: Balance | WeightBalance) -> QuantityEstimate:
     """Hover input, U_h through the input map's inverse; by the weight without a gain."""
     weight, chosen = of.weight if isinstance(of, Balance) else of, of.problem.motion.input_map
     if isinstance(of, Balance) and not of.by_weight:
-        item = thrust_curve.linear_quantity(of.estimate, of.hover, "")
+        item = lag_prior.linear_quantity(of.estimate, "", *of.hover)
         value, std_error, (low, high) = item.value, item.std_error, item.interval
     else:
         value, std_error, half = weight.hover
@@ -295,7 +295,7 @@ class Vertical(Motion[VerticalFlights]):
     def derive(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         of, joint = Balance(problem, estimate), lag_prior.joint_quantities(estimate)
         by_run = tuple(GRAVITY + float(run.mean(axis=0) @ of.coefficients) for run in of.weight.columns)
-        intercept = thrust_curve.linear_quantity(estimate, of.intercept, "m/s^2")
+        intercept = lag_prior.linear_quantity(estimate, "m/s^2", *of.intercept)
         results = {
             **{name: joint[name] for name in ("viscous_friction", "input_gain")},
             "intercept": replace(intercept, by_run=by_run),

@@ -11,6 +11,7 @@ from operator import attrgetter
 import numpy as np
 
 from eivor.estimation.estimate import Estimate
+from eivor.flights.lag_prior import linear_quantity
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, QuantityEstimate
 from eivor.inference.verdict import Status
@@ -85,14 +86,6 @@ def _at_nuisances(
     return value
 
 
-def linear_quantity(estimate: Estimate, linear: Linear, unit: str) -> QuantityEstimate:
-    """Quantity of an estimate that is linear in its parameters."""
-    (value, gradient, variance), covariance = linear, estimate.joint_covariance
-    half = covariance.half_width(gradient, 0.95, variance)
-    error = math.sqrt(covariance.std_error(gradient) ** 2 + variance)
-    return QuantityEstimate(value, unit, error, (value - half, value + half))
-
-
 def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstimate]:
     """Quantities that the map's own error moves, and the map's parameter."""
     estimate = of.estimate
@@ -120,9 +113,9 @@ def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstim
         "hover_input": (attrgetter("hover_input"), ""),
     }
     rows = formulas.items()
-    results = {name: linear_quantity(estimate, propagated(of_it), unit) for name, (of_it, unit) in rows}
+    results = {name: linear_quantity(estimate, unit, *propagated(of_it)) for name, (of_it, unit) in rows}
     value = curve.value + by_b * b, of_curve, by_b**2 * variance_of_curve
-    return {**results, "thrust_curve": linear_quantity(estimate, value, "")}
+    return {**results, "thrust_curve": linear_quantity(estimate, "", *value)}
 
 
 def _joint(position: int, of: Balance) -> Linear:
