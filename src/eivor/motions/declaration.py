@@ -169,30 +169,18 @@ def machine(
     InputError
         For a declaration that does not hold together, with the key and a suggestion.
     """
-    tables = {"channels": channels, "terms": terms, "actuators": actuators, "let": let}
-    tables |= {"derived": derived, "axes": axes}
-    for key, table in tables.items():
-        if table is not None or key == "channels":
-            checks.mapping(key, table, (str, Mapping), "texts or mappings")
-    listed = (response,) if isinstance(response, str) else response
-    lists = {"response": listed, "instruments": instruments, "headline": headline}
-    for key, texts in lists.items():
-        checks.items(key, texts, str, "texts")
-    checks.text("name", name)
-    checks.text("active", active)
-    if band_hz is not None:
-        checks.items("band_hz", band_hz, (int, float), "two numbers")
-    checks.number("half_width", half_width)
-    checks.number("weak_half_width", weak_half_width)
-    values: dict[str, Any] = {"name": name, **words}
-    parts = tables | {
-        "response": listed if any(listed) else None,
-        "active": {"when": active} if active else None,
-        "instruments": {"of": list(instruments)} if instruments else None,
-        "band": None if band_hz is None else {"hz": list(band_hz)},
-        "quality": {"headline": headline, "half_width": half_width, "weak_half_width": weak_half_width},
+    tables = {"terms": terms, "actuators": actuators, "let": let, "derived": derived, "axes": axes}
+    quality = {"headline": headline, "half_width": half_width, "weak_half_width": weak_half_width}
+    values = {"name": name, "channels": channels, "response": response, "quality": quality, **words}
+    values |= {key: table for key, table in tables.items() if table is not None}
+    lone = {
+        "active": ("when", active, ""),
+        "instruments": ("of", instruments, ()),
+        "band": ("hz", band_hz, None),
     }
-    values |= {key: value for key, value in parts.items() if value is not None}
+    for section, (key, value, default) in lone.items():
+        if not isinstance(value, type(default)) or value:
+            values[section] = {key: value}
     return machine_of(TomlTable(_plain(values), "ev.machine"))
 
 
