@@ -263,8 +263,8 @@ def check_poolable(flights: tuple[PreparedFlight, ...], motion: Motion[Any], *, 
             what = f"input maps {first.input_map} and {other.input_map}"
         elif (first.input.name, first.input.measured) != (other.input.name, other.input.measured):
             what = f"inputs {first.input.name} and {other.input.name}"
-        elif first.actuators != other.actuators:
-            what = f"{first.actuators} and {other.actuators} rotors"
+        elif len(first.driving) != len(other.driving):
+            what = f"{len(first.driving)} and {len(other.driving)} rotors"
         elif not anyway:
             what = _vehicle_difference(first, other, motion)
             remedy = f"{remedy} Or pool them all the same: --pool-anyway."

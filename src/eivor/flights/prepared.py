@@ -467,11 +467,6 @@ class PreparedFlight:
         return tuple(family_members(self.input.name, self.signals.channels))
 
     @property
-    def actuators(self) -> int:
-        """Number of channels that drive the vehicle."""
-        return len(self.driving)
-
-    @property
     def constant_input(self) -> bool:
         """The input does not vary over the runs."""
         level = self.used_input

@@ -234,7 +234,8 @@ def _fitted(
 def _flown(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
     where, active = result.motion.words.where, flight.active
     known = f"{capitalised(where)} by {active.rule}." if active.mask.any() else f"Never {where}."
-    mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
+    count = len(flight.driving)
+    mean = "" if count == 1 else f", mean of {count} actuators"
     logged = PlotData(f"input: {flight.input.name}{mean}", flight.logged_input)
     for panel in (*result.motion.view(flight).panels, logged):
         name, _, unit = " ".join(panel.label.split()).partition(" [")

@@ -495,5 +495,5 @@ class RigidBody(motion.Motion[LaggedRuns]):
 
     def view(self, flight: PreparedFlight) -> motion.FlightView:
         how = "measured" if flight.input.measured else "commands, behind a lag τ and a delay d that all share"
-        symbols = f"n = {flight.input.name} of {flight.actuators} rotors (map: {flight.input_map}), {how}"
+        symbols = f"n = {flight.input.name} of {len(flight.driving)} rotors (map: {flight.input_map}), {how}"
         return motion.FlightView(symbols, tuple(rate_panel(flight, axis) for axis in AXES))

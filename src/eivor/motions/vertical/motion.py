@@ -11,18 +11,8 @@ import numpy as np
 from eivor import checks
 from eivor.errors import InputError
 from eivor.estimation.estimate import Estimate
-from eivor.flights import lag_prior
+from eivor.flights import lag_prior, motion
 from eivor.flights.grid import on_grid
-from eivor.flights.motion import (
-    Abilities,
-    Flights,
-    FlightView,
-    Motion,
-    Prediction,
-    Resampling,
-    SensorComparison,
-    VehicleSupport,
-)
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import Difference, PreparedFlight, Selection, sensor_agreement
 from eivor.flights.quantity import (
@@ -105,7 +95,9 @@ def _hover(of: Balance | WeightBalance) -> QuantityEstimate:
     return QuantityEstimate(hover, "", error, (chosen.inverse(low), chosen.inverse(high)))
 
 
-def known_without_estimate(flights: Flights) -> tuple[dict[str, QuantityEstimate], verdict.VerticalChecks]:
+def known_without_estimate(
+    flights: motion.Flights,
+) -> tuple[dict[str, QuantityEstimate], verdict.VerticalChecks]:
     """Hover input of flights that gave no estimate, and its drift; nothing of a constant input."""
     if all(flight.constant_input for flight in flights):
         return {}, verdict.VerticalChecks()
@@ -185,7 +177,7 @@ def tracked_gain(
     return TrackedParameter("input_gain", problem, {"viscous_friction": friction}, intercept, (known, level))
 
 
-def excitation(flights: Flights) -> str:
+def excitation(flights: motion.Flights) -> str:
     """Relative standard deviation of the mapped input, and that of the vertical speed."""
     model = VerticalMotion(input_map(flights[0].input_map))
     cut = map(vertical_flight, flights)
@@ -198,7 +190,7 @@ def excitation(flights: Flights) -> str:
     return f"The input varied by {varied / mean:.1%} and {of_speed}."
 
 
-def flight_findings(flights: Flights, quantities: Mapping[str, Quantity]) -> tuple[Finding, ...]:
+def flight_findings(flights: motion.Flights, quantities: Mapping[str, Quantity]) -> tuple[Finding, ...]:
     """Instruments where no loop acts, what the autopilot holds its hover input to be, a curve for it."""
     listed = (*select.open_loop_findings(flights), *verdict.hover_findings(flights, quantities))
     return (*listed, *supply_findings(flights), *thrust_curve.curve_findings(flights, quantities))
@@ -221,7 +213,7 @@ def resampled(
     return results
 
 
-ABILITIES = Abilities(
+ABILITIES = motion.Abilities(
     refined=lambda problem, solve, options: (
         thrust_curve.refined_curve(problem, solve, options.accelerometer_bias)
         if options.input_map == FIT_MAP
@@ -230,15 +222,15 @@ ABILITIES = Abilities(
     refined_flights=lambda flights, problem: tuple(
         replace(flight, input_map=problem.motion.input_map.name) for flight in flights
     ),
-    sensors=SensorComparison(
+    sensors=motion.SensorComparison(
         lambda problem, flights: sensor_agreement(
             misspecification.difference_problem(problem, flights), misspecification.LEAST_SENSOR_DIFFERENCE
         ),
         misspecification.sensor_agreement_sentence,
         misspecification.corrected,
     ),
-    resampling=Resampling(balance_sums, resampled),
-    prediction=Prediction(simple_models, predictions),
+    resampling=motion.Resampling(balance_sums, resampled),
+    prediction=motion.Prediction(simple_models, predictions),
     tracking=tracked_gain,
     closed_loop_record=closed_loop_record,
     known=known_without_estimate,
@@ -250,7 +242,7 @@ ABILITIES = Abilities(
 
 
 @dataclass(frozen=True)
-class Vertical(Motion[VerticalFlights]):
+class Vertical(motion.Motion[VerticalFlights]):
     """z'' + g = K_u U - K z' + b, behind the lag of the actuators."""
 
     added: tuple[OptionalTerm, ...] = ()
@@ -271,11 +263,11 @@ class Vertical(Motion[VerticalFlights]):
         return " ".join((equation, *(term.written for term in self.added))), "; ".join(listed)
 
     @property
-    def abilities(self) -> Abilities:  # type: ignore[override]
+    def abilities(self) -> motion.Abilities:  # type: ignore[override]
         record = {"rotor_radius": self.rotor_radius, "mean_voltage": self.mean_voltage}
         return replace(
             ABILITIES,
-            vehicle=VehicleSupport(self._of_vehicle, record if self.added else None, self._restored),
+            vehicle=motion.VehicleSupport(self._of_vehicle, record if self.added else None, self._restored),
             check=self._check,
             for_flights=self._for_flights,
             terms={word: term.meaning for word, term in TERMS.items()},
@@ -284,7 +276,7 @@ class Vertical(Motion[VerticalFlights]):
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         return select.selected(log, options)
 
-    def problem(self, flights: Flights, rule: InstrumentRule) -> VerticalFlights:
+    def problem(self, flights: motion.Flights, rule: InstrumentRule) -> VerticalFlights:
         model = VerticalMotion(input_map(flights[0].input_map))
         cut = tuple(map(vertical_flight, flights))
         if self.added:
@@ -311,7 +303,7 @@ class Vertical(Motion[VerticalFlights]):
         return {**results, **moved, "time_constant": lag_prior.reciprocal(moved["viscous_friction"], "s")}
 
     def checks(
-        self, problem: VerticalFlights, estimate: Estimate, flights: Flights
+        self, problem: VerticalFlights, estimate: Estimate, flights: motion.Flights
     ) -> verdict.VerticalChecks:
         omitted, of = misspecification.omitted_terms(problem, estimate, flights), Balance(problem, estimate)
         (value, gradient, variance), chosen = of.intercept, problem.motion.input_map
@@ -343,9 +335,9 @@ class Vertical(Motion[VerticalFlights]):
         words = ("vertical acceleration", "m/s²", "K_u U − K z'", "K_u U")
         return (Trace(*words, rows.response, predicted, driven),)
 
-    def view(self, flight: PreparedFlight) -> FlightView:
+    def view(self, flight: PreparedFlight) -> motion.FlightView:
         name = flight.input.name
-        names = f"the mean of the mapped {name}" if flight.actuators > 1 else name
+        names = f"the mean of the mapped {name}" if len(flight.driving) > 1 else name
         moved = "behind a lag τ and a delay d"
         if flight.input.measured:
             moved = "measured; motion follows d later (below zero: their stamps are late)"
@@ -357,14 +349,14 @@ class Vertical(Motion[VerticalFlights]):
             wanted = flight.reference_on_grid("reference_position_z")
             target = None if wanted is None else flight.where_logged(wanted, "reference_position_z")
             panels.insert(0, PlotData("height [m]", flight.where_logged(height, "position_z"), target))
-        return FlightView(symbols, tuple(panels))
+        return motion.FlightView(symbols, tuple(panels))
 
     def _check(self, options: FlightOptions) -> None:
         check_terms(options, self.rotor_radius)
         if options.input_map not in ("", FIT_MAP):
             input_map(options.input_map)
 
-    def _for_flights(self, flights: Flights, options: FlightOptions) -> Vertical:
+    def _for_flights(self, flights: motion.Flights, options: FlightOptions) -> Vertical:
         check_flights(flights, options)
         added = tuple(TERMS[word] for word in options.terms)
         radius = self.rotor_radius if options.rotor_radius is None else options.rotor_radius
