@@ -388,8 +388,6 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
             curve = f"{1.0 - share!r} * state + {share!r} * state**2"
         case Power(exponent):
             curve = f"state**{exponent!r}"
-        case _:
-            raise UsageError("an input map with a formula", f"'{fitted.map_name}'", "Give --input-map.")
     vertical = {"quadratic_drag": 0.0, "delay": 0.0, **numbers} | {
         "actuator_lag": max(numbers.get("actuator_lag", 0.0), vehicle.LEAST["actuator_lag"]),
         "curve": curve,

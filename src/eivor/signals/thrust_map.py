@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -11,29 +11,8 @@ from eivor.errors import UsageError, did_you_mean
 from eivor.tools import Float
 
 
-class InputMap(ABC):
-    """A monotone map of an actuator's state (zero or more) to thrust per unit of gain."""
-
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """The word that the command line and channel maps use."""
-
-    @abstractmethod
-    def __call__(self, state: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-        """Mapped value of each state."""
-
-    @abstractmethod
-    def inverse(self, mapped: float) -> float:
-        """State whose mapped value is `mapped`; NaN when there is none."""
-
-    @abstractmethod
-    def slope(self, state: float) -> float:
-        """Derivative of the mapped value at `state`."""
-
-
 @dataclass(frozen=True, slots=True)
-class Power(InputMap):
+class Power:
     """``state ** exponent``, sign kept: 1 for thrust commands, 2 for rotor speeds."""
 
     exponent: float = 1.0
@@ -45,9 +24,11 @@ class Power(InputMap):
 
     @property
     def name(self) -> str:
+        """The word that the command line and channel maps use."""
         return {1.0: "linear", 2.0: "square"}.get(self.exponent, f"power:{_shortest(self.exponent)}")
 
     def __call__(self, state: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Mapped value of each state."""
         if self.exponent == 1.0:
             return state
         if self.exponent == 2.0:
@@ -55,14 +36,16 @@ class Power(InputMap):
         return np.asarray(np.sign(state) * np.abs(state) ** self.exponent)
 
     def inverse(self, mapped: float) -> float:
+        """State whose mapped value is `mapped`; NaN when there is none."""
         return float(np.sign(mapped) * np.abs(mapped) ** (1.0 / self.exponent))
 
     def slope(self, state: float) -> float:
+        """Derivative of the mapped value at `state`."""
         return float(self.exponent * np.abs(state) ** (self.exponent - 1.0))
 
 
 @dataclass(frozen=True, slots=True)
-class Mixed(InputMap):
+class Mixed:
     """``(1 - share) state + share state**2``: PX4's thrust curve, share = THR_MDL_FAC."""
 
     share: float  # Between 0 and 1
@@ -88,6 +71,10 @@ class Mixed(InputMap):
 
     def slope(self, state: float) -> float:
         return float(1.0 - self.share + 2.0 * self.share * np.abs(state))
+
+
+#: A monotone map of an actuator's state (zero or more) to thrust per unit of gain.
+InputMap: TypeAlias = Power | Mixed
 
 
 def _shortest(number: float) -> str:

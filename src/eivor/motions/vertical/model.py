@@ -174,7 +174,7 @@ class VerticalMotion(SignalModel):
 
     def __post_init__(self) -> None:
         remedy = "Leave it out, or give Power(2.0)."
-        checks.kind("input_map", self.input_map, InputMap, "an input map", remedy)
+        checks.kind("input_map", self.input_map, (Power, Mixed), "an input map", remedy)
         checks.flag("intercept", self.intercept)
 
     @property
