@@ -272,8 +272,8 @@ def test_the_fit_predicts_better_than_simpler_models(found):
     assert found.predicts
     assert "leaves less than the simpler models" in found.sentence
     for models in found.by_quantity:
-        assert models[0].error.rms < min(model.error.rms for model in models[1:])
-        assert 0.5 < models[0].error.explained < 1.0
+        assert models[0].rms < min(model.rms for model in models[1:])
+        assert 0.5 < models[0].explained < 1.0
 
 
 def test_json_holds_what_the_page_says(found):
@@ -299,7 +299,7 @@ def test_text_and_tables_tell_the_same(found, fit, tmp_path, command_line):
     gap.write_csv(tmp_path / "flight.csv")
     run = command_line("validate", tmp_path / "fit.json", tmp_path / "flight.csv", "--window", "0:30")
     assert run.code == 0
-    assert f"{found.predictions[0].error.rms:.3g}" in run.out
+    assert f"{found.predictions[0].rms:.3g}" in run.out
     assert "Validation of" in repr(found)
     figure = found.plot()
     assert [len(axes.lines) for axes in figure.axes[:2]] == [4, 4]

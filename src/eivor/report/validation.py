@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -90,19 +90,6 @@ def _summed(quantities: Mapping[str, Quantity], name: str) -> Quantity:
     return replace(quantity, value=value, interval=(low + shift, high + shift))
 
 
-@dataclass(frozen=True, slots=True)
-class PredictionError:
-    """What a prediction leaves."""
-
-    rms: float
-    explained: float
-
-    @property
-    def texts(self) -> tuple[str, str]:
-        share = f"{self.explained:.1%}" if math.isfinite(self.explained) else NO_NUMBER
-        return f"{self.rms:.3g}", share
-
-
 @dataclass(frozen=True)
 class ModelPrediction:
     """One measured quantity as one model predicts it."""
@@ -114,7 +101,8 @@ class ModelPrediction:
     unit: str
     measured: Float[np.ndarray, " samples"] = field(repr=False)
     predicted: Float[np.ndarray, " samples"] = field(repr=False)
-    error: PredictionError  # Over all runs
+    rms: float  # What it leaves over all runs, and the share of the movement that it explains
+    explained: float
 
 
 @dataclass(frozen=True)
@@ -151,8 +139,8 @@ class Validation:
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.predicts
         farthest, rivals = self._farthest
-        least = all(farthest.error.rms <= other.error.rms for other in rivals)
-        return farthest.error.explained > 0.0 and least
+        least = all(farthest.rms <= other.rms for other in rivals)
+        return farthest.explained > 0.0 and least
 
     @property
     def _farthest(self) -> tuple[ModelPrediction, list[ModelPrediction]]:
@@ -187,9 +175,9 @@ class Validation:
         farthest, others = self._farthest
         runs = f" in {len(self.flight.runs)} runs" if len(self.flight.runs) > 1 else ""
         far = f"{farthest.quantity}, {farthest.horizon.words}, over {self.flight.used_s:.1f} s{runs}"
-        share = f"{farthest.error.explained:.1%}" if farthest.error.explained > 0.0 else "nothing"
+        share = f"{farthest.explained:.1%}" if farthest.explained > 0.0 else "nothing"
         text = f"The fit explains {share} of the {far}"
-        better = [item.words for item in others if item.error.rms < farthest.error.rms]
+        better = [item.words for item in others if item.rms < farthest.rms]
         if better:
             return f"{text}; {' and '.join(better)} leave{'s' if len(better) == 1 else ''} less."
         return f"{text}{', and leaves less than the simpler models' if others else ''}."
@@ -363,9 +351,10 @@ def _of_model(name: str, words: str, record: PredictedQuantity, flight: Prepared
         spectral = zip(flight.spectral_runs(), runs, strict=True)
         measured, predicted = np.concatenate([item.band_passed(both[run]) for item, run in spectral]).T
     centred = np.concatenate([measured[run] - measured[run].mean() for run in runs])
-    left = measured - predicted
+    left, power = measured - predicted, float(centred @ centred)
+    explained = 1.0 - float(left @ left) / power if power > 0.0 else math.nan
     of = name, words, record.horizon, record.quantity, record.unit
-    return ModelPrediction(*of, measured, predicted, _error(left, centred))
+    return ModelPrediction(*of, measured, predicted, float(np.sqrt(np.mean(left**2))), explained)
 
 
 def _runs(flight: PreparedFlight) -> list[slice]:
@@ -374,23 +363,21 @@ def _runs(flight: PreparedFlight) -> list[slice]:
     return [slice(stop - n, stop) for n, stop in zip(lengths, np.cumsum(lengths).tolist(), strict=True)]
 
 
-def _error(left: Float[np.ndarray, " n"], moved: Float[np.ndarray, " n"]) -> PredictionError:
-    power = float(moved @ moved)
-    explained = 1.0 - float(left @ left) / power if power > 0.0 else float("nan")
-    return PredictionError(float(np.sqrt(np.mean(left**2))), explained)
-
-
 def _rows(validation: Validation) -> list[tuple[str, ...]]:
     return [
         (
             f"{item.quantity}, {item.horizon.words}",
             item.words,
-            item.error.texts[0],
+            f"{item.rms:.3g}",
             item.unit,
-            item.error.texts[1],
+            f"{item.explained:.1%}" if math.isfinite(item.explained) else NO_NUMBER,
         )
         for item in validation.predictions
     ]
+
+
+#: What documents have of a prediction.
+PREDICTED = ("model", "horizon", "quantity", "unit", "rms", "explained")
 
 
 def _validation_json(validation: Validation) -> dict[str, Json]:
@@ -406,11 +393,7 @@ def _validation_json(validation: Validation) -> dict[str, Json]:
         samples=int(validation.flight.used.sum()),
         rate_hz=validation.flight.signals.rate_hz,
         band=validation.flight.band_hz,
-        predictions=[
-            {name: getattr(item, name) for name in ("model", "horizon", "quantity", "unit")}
-            | asdict(item.error)
-            for item in validation.predictions
-        ],
+        predictions=[{name: getattr(item, name) for name in PREDICTED} for item in validation.predictions],
         ahead=prediction_json(validation.multi_step_prediction),
         comparisons=[
             {"quantity": item.fit.name, "unit": item.fit.quantity.unit, "p_value": item.p_value}
@@ -497,7 +480,7 @@ def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPredict
     first = models[0]
     ax.plot(time, first.measured[series], color=plots.DARK, lw=1.2, label="measured")
     for model, colour in zip(models, VALIDATION_COLOURS, strict=False):
-        rms, explained = model.error.rms, model.error.explained
+        rms, explained = model.rms, model.explained
         label = f"{model.words}: RMS error {rms:.2g} {model.unit}, explains {explained:.0%}"
         ax.plot(time, model.predicted[series], color=colour, lw=1.0, label=label)
     ax.set_ylim(*_measured_limits(first.measured[series]))

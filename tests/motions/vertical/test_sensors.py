@@ -477,7 +477,7 @@ def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log_left):
     blind = replace(saved, estimated=replace(saved.joint, values=values))
     worse = ev.validate(blind, sags, window=(0.0, 12.0))
     reported, without = (
-        next(p for p in each.predictions if p.model == "fit" and p.horizon is Horizon.OPEN_LOOP).error.rms
+        next(p for p in each.predictions if p.model == "fit" and p.horizon is Horizon.OPEN_LOOP).rms
         for each in (result, worse)
     )
     assert reported < without
