@@ -15,7 +15,7 @@ from eivor.logs.common import UNITS
 from eivor.logs.crazyflie import LOOKED_FOR as VARIABLES
 from eivor.logs.dataflash.sources import LOOKED_FOR as COLUMNS
 from eivor.logs.rosbag.channels import ROS_SOURCES as FIELDS
-from eivor.logs.ulog.channels import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING
+from eivor.logs.ulog.channels import LOGGING, LOOKED_FOR, PROFILE_BITS
 from validation.pages import markdown, page_with
 
 PAGE = Path(__file__).resolve().parent / "logs.md"
@@ -50,13 +50,11 @@ def ulog_sources() -> str:
 def ulog_rates() -> str:
     """How often PX4 logs each topic."""
     rows = []
-    for entry in TOPIC_LOGGING:
-        always = entry.default_rate_hz == float("inf")
-        bits = [f"{bit} ({PROFILE_BITS[bit]})" for bit in entry.full_rate_bits if bit != 0]
+    for topic, row in LOGGING.items():
+        always = row["default_rate_hz"] == float("inf")
+        bits = [f"{bit} ({PROFILE_BITS[bit]})" for bit in row.get("full_rate_bits", ()) if bit != 0]
         raised = "-" if always else " or ".join(bits) or "none; see `logger_topics.txt` below"
-        rows.append(
-            (code([entry.topic]), "every message" if always else f"{entry.default_rate_hz:g} Hz", raised)
-        )
+        rows.append((code([topic]), "every message" if always else f"{row['default_rate_hz']:g} Hz", raised))
     return markdown(("topic", "default profile", "full rate with bit"), rows)
 
 

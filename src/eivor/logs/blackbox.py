@@ -295,18 +295,13 @@ def _event_length(data: bytes, at: int) -> int:
     return offset - at
 
 
-@dataclass(slots=True)
-class _Chain:
-    """Frames of a log in order: where they begin, which follow damage, and bytes that are of none."""
+def _chain(data: bytes, begins: int, end: int, lengths: np.ndarray) -> tuple[list[int], list[int], int]:
+    """Where frames begin, numbers of those before which something is lost, and bytes that are of none.
 
-    starts: list[int]
-    broken: list[int]  # Numbers of frames before which something is lost
-    lost: int = 0
-
-
-def _chain(data: bytes, begins: int, end: int, lengths: np.ndarray) -> _Chain:
-    """Walk from frame to frame; after damage on from the next byte that begins two frames."""
-    chain, sizes, at = _Chain([], []), memoryview(lengths.data), begins
+    After damage frames go on from the next byte that begins two of them.
+    """
+    starts, broken, lost = list[int](), list[int](), 0
+    sizes, at = memoryview(lengths.data), begins
 
     def follows(offset: int) -> int:
         size = _event_length(data, offset) if data[offset] == EVENT else sizes[offset]
@@ -318,15 +313,15 @@ def _chain(data: bytes, begins: int, end: int, lengths: np.ndarray) -> _Chain:
         if not size:
             damaged, candidates = at, (offset for offset in range(at + 1, end) if data[offset] in MARKERS)
             at = next(filter(follows, candidates), end)
-            chain.lost += at - damaged
-            chain.broken.append(len(chain.starts))
+            lost += at - damaged
+            broken.append(len(starts))
             continue
         if data[at] in (INTRA, INTER):
-            chain.starts.append(at)
+            starts.append(at)
         elif data.startswith(LAST_EVENT, at + 1):
             break
         at += size
-    return chain
+    return starts, broken, lost
 
 
 # -- Prediction --
@@ -414,12 +409,12 @@ def _read_columns(
 ) -> tuple[dict[str, np.ndarray], int]:
     """Columns with the names and units of `blackbox_decode`, and how many bytes are of no frame."""
     data = np.frombuffer(padded, dtype=np.uint8)
-    chain = _chain(padded, begins, end, _lengths(data, begins, end, head.frames))
+    begun, broken, lost = _chain(padded, begins, end, _lengths(data, begins, end, head.frames))
     wanted = [field for field, item in enumerate(head.frames[INTRA].names) if item != "loopIteration"]
-    starts = np.array(chain.starts, dtype=np.int64)
+    starts = np.array(begun, dtype=np.int64)
     if starts.size * len(wanted) > NUMBERS_PER_BYTE * end + 1_000_000:
         raise _corrupt(name, f"whose {starts.size} frames hold more than {NUMBERS_PER_BYTE} numbers a byte")
-    raw = _main_columns(data, starts, chain.broken, head, wanted) if starts.size else {}
+    raw = _main_columns(data, starts, broken, head, wanted) if starts.size else {}
     clock = raw.pop("time", np.empty(0, dtype=np.int64)).astype(np.int64)
     if not clock.size:
         received = f"'{name}', without a whole frame after its head"
@@ -437,7 +432,7 @@ def _read_columns(
         if f"axisP[{axis}]" in columns:
             for part in "IDF":
                 columns.setdefault(f"axis{part}[{axis}]", np.zeros(columns[CLOCK].size))
-    return columns, chain.lost
+    return columns, lost
 
 
 def _scale(field: str, head: Head) -> tuple[str, float, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import Any
 
 import numpy as np
 
@@ -93,26 +94,18 @@ NEEDED_TOPICS: tuple[str, ...] = tuple(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class TopicLogging:
-    """How PX4's logger treats a topic."""
-
-    topic: str
-    default_rate_hz: float
-    full_rate_bits: Sequence[int] = ()
-
-
 #: Names of the bits of SDLOG_PROFILE that matter here.
 PROFILE_BITS: Mapping[int, str] = {0: "default set", 3: "system identification", 4: "high rate"}
 
-TOPIC_LOGGING = tuple(TopicLogging(topic, **row) for topic, row in TABLES["logging"].items())
+#: How PX4's logger treats topics: the rate by default [Hz], and bits of SDLOG_PROFILE that log all of them.
+LOGGING: Mapping[str, Mapping[str, Any]] = TABLES["logging"]
 
 
 def _with_profile(source: TopicSource) -> str:
     """Return a source's label with the bits of SDLOG_PROFILE that log it; old topics have none."""
-    bits = next((entry.full_rate_bits for entry in TOPIC_LOGGING if entry.topic == source.topic), None)
-    if bits is None:
+    if source.topic not in LOGGING:
         return source.label
+    bits = LOGGING[source.topic].get("full_rate_bits", ())
     return f"{source.label} [SDLOG_PROFILE bit {' or '.join(map(str, sorted({0, *bits})))}]"
 
 

@@ -117,15 +117,15 @@ MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
 def _advice(channel: str) -> tuple[str, ...]:
     """At which rate PX4's logger logs the topics of a channel."""
     topics = list(dict.fromkeys(source.topic for source in px4.CHANNEL_SOURCES.get(channel, ())))
-    known = {entry.topic: entry for entry in px4.TOPIC_LOGGING}
-    return tuple(_topic_sentence(known[topic]) for topic in topics if topic in known)
+    return tuple(map(_topic_sentence, filter(px4.LOGGING.__contains__, topics)))
 
 
-def _topic_sentence(entry: px4.TopicLogging) -> str:
-    rate = "at every message" if entry.default_rate_hz == float("inf") else f"at {entry.default_rate_hz:g} Hz"
-    sentence = f"PX4's default profile (SDLOG_PROFILE bit 0) logs {entry.topic} {rate}"
-    raising = [bit for bit in entry.full_rate_bits if bit != 0]
-    if raising and entry.default_rate_hz != float("inf"):
+def _topic_sentence(topic: str) -> str:
+    rate_hz = px4.LOGGING[topic]["default_rate_hz"]
+    rate = "at every message" if np.isinf(rate_hz) else f"at {rate_hz:g} Hz"
+    sentence = f"PX4's default profile (SDLOG_PROFILE bit 0) logs {topic} {rate}"
+    raising = [bit for bit in px4.LOGGING[topic].get("full_rate_bits", ()) if bit != 0]
+    if raising and np.isfinite(rate_hz):
         bits = " or ".join(f"bit {bit} ({px4.PROFILE_BITS[bit]})" for bit in raising)
         return f"{sentence}; {bits} logs it at its full rate."
     return f"{sentence}."
