@@ -253,6 +253,8 @@ def _identified_row(
     """Row of a flight, or of one of a pool: verdict and quantities are its own where the pool has them."""
     prepared = result.prepared[position]
     truth = flight.flown.effective(prepared.grid.time_s, prepared.used)
+    if any(finding.name == "command_rate_limit" for finding in prepared.findings):
+        truth["effective_lag"] = flight.flown.truth.actuator_lag + flight.flown.truth.delay
     if family.pool > 1 and position < len(result.by_flight):
         member = result.by_flight[position]
         status, quantities = member.verdict, {**result.quantities, **member.quantities}

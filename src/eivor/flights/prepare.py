@@ -48,7 +48,8 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     fast = [*selected.commands, *selected.logged_responses]
     grid = common_grid(selected.channels, fast, step_s=selected.step_s)
     clocks = _clocks(log, selected, options.controller_rate_hz)
-    channels, stands = _gridded(selected, grid, clocks)
+    issued = tuple(_issued(command, clocks) for command in selected.commands)
+    channels, stands = _gridded(selected, grid, issued)
     if selected.matched_interpolation_filter:
         channels = matched_interpolation_filter(channels, selected, clocks, grid)
     level = np.stack([channels[command.name] for command in selected.commands], axis=1).mean(axis=1)
@@ -106,6 +107,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         noise=listed,
         states=tuple(channel.name for channel in selected.states.values()),
         curve_side=common_side(command.curve_side for command in selected.commands),
+        issued=() if selected.matched_interpolation_filter else issued,
         shortfall=("", "") if runs else _shortfall(motion, selected, grid, inside, stands, active, channels),
     )
 
@@ -198,19 +200,22 @@ def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[
     return {command.name: clock(command) for command in selected.commands if command.held}
 
 
+def _issued(command: Channel, clocks: Mapping[str, Clock]) -> Channel:
+    whole = bridged(command) if command.held else command
+    return as_issued(whole, clocks[command.name]) if command.name in clocks else whole
+
+
 def _gridded(
-    selected: Selection, grid: Grid, clocks: Mapping[str, Clock]
+    selected: Selection, grid: Grid, issued: tuple[Channel, ...]
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], dict[str, Mask]]:
     """Values of every channel on the grid, and where each of them stands on data."""
-    commands = {command.name for command in selected.commands}
+    commands = {command.name: command for command in issued}
     channels: dict[str, Float[np.ndarray, " n"]] = {}
     stands: dict[str, Mask] = {}
     for channel in selected.channels:
         name = channel.name
         if name in commands:
-            whole = bridged(channel) if channel.held else channel
-            issued = as_issued(whole, clocks[name]) if name in clocks else whole
-            channels[name], stands[name] = command_on_grid(issued, grid)
+            channels[name], stands[name] = command_on_grid(commands[name], grid)
         else:
             channels[name], stands[name] = on_grid(channel, grid, selected.between(channel))
     for name, value in selected.constants.items():

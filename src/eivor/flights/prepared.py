@@ -25,6 +25,7 @@ from eivor.flights.grid import (
     Grid,
     airborne_by_log,
     around,
+    command_on_grid,
     curve_between,
     line_between,
     unlogged,
@@ -40,6 +41,7 @@ from eivor.inference.distributions import chi_square_tail, t_quantile, t_tail
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.spectral import SpectralRun
 from eivor.signals.channels import CurveSide, family_members
+from eivor.signals.filters import CAUGHT_UP_S, rate_limited
 from eivor.signals.recording import ROTARY_WING, VTOL, Channel, Finding, Recording
 from eivor.signals.signals import Signals
 from eivor.tools import Bool, Float, Int
@@ -368,6 +370,7 @@ class PreparedFlight:
     #: Where the channels of the input stand to the autopilot's thrust curve; unknown where they differ
     curve_side: CurveSide = CurveSide.UNKNOWN
     corrected: tuple[str, ...] = ()  # Differences between measurements that were taken out
+    issued: tuple[Channel, ...] = ()  # Commands as they were issued; none where the grid smooths slow ones
     shortfall: tuple[str, str] = ("", "")  # Without runs: the condition that fails most, and its remedy
 
     @cached_property
@@ -392,6 +395,27 @@ class PreparedFlight:
             usable=self.usable[kept],
             grid=self.grid.kept(kept),
         )
+
+    def acting(self, limits: Float[np.ndarray, " k"]) -> Float[np.ndarray, "n m k"]:
+        """Commands on the grid as they act on rotors that follow them at no more than each limit [1/s]."""
+
+        def on_grid(command: Channel) -> Float[np.ndarray, "n k"]:
+            ends = self.grid.time_s[[0, -1]] + [-2.0 * CAUGHT_UP_S, CAUGHT_UP_S]
+            near = slice(*np.searchsorted(command.time_s, ends).tolist())
+            part = replace(command, time_s=command.time_s[near], values=command.values[near])
+            rows = rate_limited(part.values, part.time_s, limits)
+            return np.stack(
+                [command_on_grid(replace(part, values=row), self.grid)[0] for row in rows], axis=1
+            )
+
+        return np.stack([on_grid(command) for command in self.issued], axis=1)
+
+    def acting_at(self, limit: float) -> PreparedFlight:
+        """The flight with commands as they act at a limited rate [1/s]."""
+        acting = self.acting(np.array([limit]))[:, :, 0].T
+        channels = dict(zip((command.name for command in self.issued), acting, strict=True))
+        signals = replace(self.signals, channels={**self.signals.channels, **channels})
+        return replace(self, signals=signals)
 
     @property
     def usable_references(self) -> tuple[str, ...]:

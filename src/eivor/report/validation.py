@@ -320,6 +320,8 @@ def _prepared(
             "Give a log with the same command; in a table or a bag, a channel map may name it (--map).",
         )
     flight = prepare(recording, motion, options)
+    limit = fit.document.diagnostics.get("command_rate_limit")
+    flight = flight.acting_at(limit) if limit and flight.issued else flight
     if not flight.runs:
         raise InputError(
             f"three seconds {motion.words.where} in runs of a second or more",

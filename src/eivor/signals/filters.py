@@ -263,3 +263,26 @@ def _on_lines(time_s: Series) -> Series:
     mean = window(away) / width
     slope = (window(number * away) - width * middle * mean) / spread
     return np.asarray(even + mean + slope * (number - middle))
+
+
+#: After this time a value whose rate is limited has caught up [s].
+CAUGHT_UP_S = 2.0
+
+
+def rate_limited(
+    values: Float[np.ndarray, " n"], time_s: Float[np.ndarray, " n"], limits: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, "k n"]:
+    """Values that follow those given by no more than each limit [1/s]; blocks are computed side by side."""
+    values = values[np.maximum.accumulate(np.where(np.isfinite(values), np.arange(values.size), 0))]
+    step = np.diff(time_s, prepend=time_s[0])
+    block = max(int(CAUGHT_UP_S / max(float(np.median(step)), 1e-6)), 1)
+    # each block begins a block earlier
+    rows = np.arange(0, values.size, block)[:, None] + np.arange(-block, block)
+    rows = rows.clip(0, values.size - 1)
+    at, most = values[rows], limits[:, None, None] * step[rows]
+    state = np.broadcast_to(at[:, 0], most.shape[:2])
+    results = np.empty(most.shape)
+    for k in range(2 * block):
+        state = state + np.clip(at[:, k] - state, -most[..., k], most[..., k])
+        results[..., k] = state
+    return results[..., block:].reshape(limits.size, -1)[:, : values.size]

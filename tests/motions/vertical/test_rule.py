@@ -239,7 +239,6 @@ EARLY = SensorAgreement({"offset": Difference(-0.01, 1e-3)}, AGREE)
 SCALED = SensorAgreement({"scale": Difference(-0.02, 1e-3)}, AGREE)
 SUPPLY = OmittedTerms({"supply": Difference(-0.04, 0.01)})
 DRIFTING = OmittedTerms({"clock_drift": Difference(2e-4, 2e-5)}, clock_reach_s=30.0)
-SLEWED = OmittedTerms({"slew_limit": Difference(0.01, 0.001)})
 SWINGING = Periodicity((), (Swing("vertical acceleration", "m/s²", 5.0, 0.2, 1e-4),), "s", 0.01)
 APART = SensorAgreement({}, OverIdentification(8.0, 2, 0.001))
 
@@ -281,8 +280,6 @@ def drift(change):
             1.272e-3,
             "several clocks",
         ),
-        (LAG, {"checks": {"omitted": SLEWED}}, "added", 0.01, "+10 ± 2.1 ms later"),
-        (FRICTION, {"checks": {"omitted": SLEWED}}, "added", 0.04, "limit of its rate"),
         (GAIN, {"checks": {"omitted": DRIFTING}}, "added", 0.3, "drift apart"),
         (GAIN, {"checks": {"sideways_speed": 6.0}}, "added", 1.28, "sideways at 6.0 m/s"),
         (GAIN, {"checks": {"omitted": SUPPLY}}, "added", 0.8, "fell by 4.0%"),

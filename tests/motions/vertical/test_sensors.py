@@ -285,7 +285,7 @@ def with_channel(log, name, values, time_s=None):
 @pytest.mark.thorough
 def test_nothing_is_missed_where_the_model_holds(log_left):
     terms = terms_of(with_channel(log_left, "position_z", log_left.channels["reference_position_z"].values))
-    names = "quadratic_drag ground_effect thrust_curvature supply clock_drift slew_limit"
+    names = "quadratic_drag ground_effect thrust_curvature supply clock_drift"
     assert list(terms) == names.split()
     assert min(term.p_value for term in terms.values()) > 0.005
     ((title, sentence),) = OmittedTerms(terms).report
@@ -324,18 +324,6 @@ def test_clocks_that_drift_apart_are_measured(log_left):
     apart = omitted.clocks_apart_s(several=True)
     assert apart == pytest.approx((20.0 * drift.value, 20.0 * drift.half_width))
     assert "clocks of command and motion drift apart by" in omitted.report[0][1]
-
-
-def test_rotors_with_a_limit_of_their_rate_are_noticed(log_left):
-    """Commands of the same thrust, if it followed a change at the usual rate 20 ms later."""
-
-    def led(U):
-        rate = np.gradient(U, 0.01)
-        return U + 0.02 * rate * np.abs(rate) / rate.std()
-
-    term = terms_of(commanded(log_left, led))["slew_limit"]
-    assert 0.0 < term.value - term.half_width < 0.02 < term.value + 2.0 * term.half_width
-    assert "later than slow ones" in OmittedTerms({"slew_limit": term}).report[0][1]
 
 
 def test_ground_effect_is_missed(log_left):

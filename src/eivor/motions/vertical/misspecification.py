@@ -47,21 +47,10 @@ MISSED, DOUBTFUL = 0.005, 0.05
 CURVATURE = "thrust_curvature"
 #: Name of the test of clocks that drift apart: a lag that grows through a flight.
 CLOCK_DRIFT = "clock_drift"
-#: Name of the test of rotors whose rate is limited: quick changes come later than slow ones.
-SLEW = "slew_limit"
 #: Terms whose coefficients are reported as shares of the gain.
-SHARES = (CURVATURE, SUPPLY, CLOCK_DRIFT, SLEW)
+SHARES = (CURVATURE, SUPPLY, CLOCK_DRIFT)
 #: Smaller ones matter to nothing; of the supply that is what the thrust of one command changes by.
 LEAST_TERM = {SUPPLY: 0.02}
-#: Sentences of what moves the lag, and the factors to their units.
-_OF_TIME = {
-    CLOCK_DRIFT: ("the clocks of command and motion drift apart by {:.0f} ± {:.0f} ppm", 1e6),
-    SLEW: (
-        "thrust follows quick changes of the command {:+.2g} ± {:.2g} ms later than slow ones, as with a "
-        "limit of its rate",
-        1e3,
-    ),
-}
 #: No clock runs faster or slower by a larger share; and what an unknown one may be off by.
 LARGEST_DRIFT, UNKNOWN_DRIFT = 1e-3, 5e-4
 #: Heights below this count as this [m].
@@ -75,13 +64,7 @@ _TERMS: dict[str, tuple[str, Callable[[Ingredients], TermColumn]]] = {
     SUPPLY: ("voltage", VOLTAGE_TERM.column),
     # K_u U(t - r t) is K_u (U - r t U') nearly
     CLOCK_DRIFT: ("time", lambda of: -of["time"] * np.gradient(of["lift"], of["time"])),
-    SLEW: ("time", lambda of: _slew_column(np.gradient(of["lift"], of["time"]))),
 }
-
-
-def _slew_column(rate: TermColumn) -> TermColumn:
-    """What a lag that grows with the rate leaves over; its coefficient is what is added at the rms rate."""
-    return -rate * np.abs(rate) / (float(np.sqrt(np.mean(rate**2))) or 1.0)
 
 
 def omitted_variable_tests(
@@ -231,9 +214,8 @@ class OmittedTerms:
             bends = "more" if value > 0.0 else "less"
             by = f"{value:+.2g} ± {half:.2g} times the squared share of the input beyond its mean"
             return f"thrust bends {bends} than the input map: {by}"
-        if name in _OF_TIME:
-            words, times = _OF_TIME[name]
-            return words.format(times * value, times * half)
+        if name == CLOCK_DRIFT:
+            return f"the clocks of command and motion drift apart by {1e6 * value:.0f} ± {1e6 * half:.0f} ppm"
         changed = self.voltage_change
         if changed is not None:
             return (

@@ -29,7 +29,7 @@ from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import InstrumentRule, Prior, Values
 from eivor.motions.rigid_body.vehicle import load_vehicle
-from eivor.motions.vertical import misspecification, select, thrust_curve, verdict
+from eivor.motions.vertical import misspecification, rate_limit, select, thrust_curve, verdict
 from eivor.motions.vertical.figures import key_figures
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
@@ -213,15 +213,34 @@ def resampled(
     return results
 
 
+def refined(
+    problem: VerticalFlights, solve: motion.Solver[VerticalFlights], options: FlightOptions
+) -> tuple[VerticalFlights, Estimate]:
+    """The problem with the limit of the commands' rate and the input map that flights show."""
+    problem, estimate = rate_limit.with_rate_limit(problem, solve)
+    if options.input_map == FIT_MAP:
+        return thrust_curve.refined_curve(problem, solve, options.accelerometer_bias)
+    return problem, estimate
+
+
+def refined_flights(flights: motion.Flights, problem: VerticalFlights) -> motion.Flights:
+    """Flights with what the problem found out."""
+    limit = min((flight.rate_limit for flight in problem.flights), default=math.inf)
+    known = [replace(flight, input_map=problem.motion.input_map.name) for flight in flights]
+    if math.isinf(limit):
+        return tuple(known)
+    unit = known[0].issued[0].unit or "1"
+    sentence = (
+        f"Commands act at no more than {limit:.2g} {unit}/s, as the response to their noise shows: gain, "
+        "friction and lag are those behind commands of that rate."
+    )
+    finding = Finding("command_rate_limit", sentence)
+    return tuple(replace(f.acting_at(limit), findings=(*f.findings, finding)) for f in known)
+
+
 ABILITIES = motion.Abilities(
-    refined=lambda problem, solve, options: (
-        thrust_curve.refined_curve(problem, solve, options.accelerometer_bias)
-        if options.input_map == FIT_MAP
-        else (problem, solve(problem))
-    ),
-    refined_flights=lambda flights, problem: tuple(
-        replace(flight, input_map=problem.motion.input_map.name) for flight in flights
-    ),
+    refined=refined,
+    refined_flights=refined_flights,
     sensors=motion.SensorComparison(
         lambda problem, flights: sensor_agreement(
             misspecification.difference_problem(problem, flights), misspecification.LEAST_SENSOR_DIFFERENCE
@@ -317,6 +336,7 @@ class Vertical(motion.Motion[VerticalFlights]):
             thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
             apparent_gravity=apparent_gravity(problem),
             turned=misspecification.turned(flights),
+            command_rate_limit=min(flight.rate_limit for flight in problem.flights),
             sideways_speed=misspecification.sideways_speed(flights),
             near_ground=verdict.near_ground(
                 flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added
@@ -386,4 +406,5 @@ def vertical_flight(flight: PreparedFlight) -> VerticalFlight:
         flight.runs,
         flight.band_hz,
         densities={name: level.density for name, level in flight.noise.items() if level.source},
+        prepared=flight,
     )

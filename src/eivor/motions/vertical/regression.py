@@ -175,6 +175,8 @@ class VerticalFlight:
     band_hz: tuple[float, float] = lagged_runs.BAND_HZ  # Band of spectral rows [Hz]
     surroundings: Ingredients = field(default_factory=dict)  # Radii and voltage
     densities: Mapping[str, float] = field(default_factory=dict)
+    prepared: PreparedFlight | None = None  # What it was made of
+    rate_limit: float = math.inf  # That its commands were limited to [1/s]
 
     @cached_property
     def velocity(self) -> Float[np.ndarray, " n"]:

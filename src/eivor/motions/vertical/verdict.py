@@ -20,13 +20,11 @@ from eivor.models.regression import Parameter
 from eivor.motions.vertical.misspecification import (
     CLOCK_DRIFT,
     CURVATURE,
-    DOUBTFUL,
     LEAST_TERM,
     NO_SPECTRUM,
     OFFSET,
     OTHER_UNIT_TIMES,
     SCALE,
-    SLEW,
     TILTS,
     OmittedTerms,
     Sensitivities,
@@ -71,6 +69,7 @@ class VerticalChecks(verdict.MotionChecks):
     mean_command: float = 1.0  # Of the rotors, over the command of their mean thrust
     sensitivities: Sensitivities = field(default_factory=dict)
     velocity: Spectrum = NO_SPECTRUM  # As far as the references explain it
+    command_rate_limit: float = math.inf  # [1/s]
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -83,6 +82,7 @@ class VerticalChecks(verdict.MotionChecks):
             **({"near_ground_share": share, "lowest_radii": lowest} if self.near_ground else {}),
             **({} if self.drift is None else self.drift.numbers),
             **self.omitted.numbers,
+            **({"command_rate_limit": self.command_rate_limit} if self.command_rate_limit < math.inf else {}),
         }
 
     @property
@@ -359,12 +359,6 @@ PARTS = (
             f"{inputs.checks.omitted.spoken(CLOCK_DRIFT)}: up to "
             f"{1e3 * _clocks_apart_s(inputs)[0]:.2g} ms in this flight."
         ),
-    ),
-    verdict.SystematicPart(
-        MOVING,
-        Counts.ADDED,
-        lambda inputs, name: _shifted(inputs, name, inputs.checks.omitted.there(SLEW, DOUBTFUL)),
-        lambda inputs: f"{inputs.checks.omitted.spoken(SLEW)}.",
     ),
     verdict.SystematicPart(
         SEARCHED,
