@@ -565,8 +565,10 @@ def test_feedback_serves_only_when_nothing_else_does(still_log):
     assert remarks(velocity)["feedback_reference_velocity_z"] == "contains feedback; others serve"
     alone = changed(velocity, "reference_position_z", "reference_velocity_z")
     assert prepare_vertical(alone, FlightOptions()).usable_references == ("feedback_reference_velocity_z",)
+    # A loop whose own setpoint never moves computes from disturbances alone.
     still = changed(velocity, "reference_velocity_z", reference_position_z=np.zeros(2000))
-    assert prepare_vertical(still, FlightOptions()).usable_references == ("feedback_reference_velocity_z",)
+    assert prepare_vertical(still, FlightOptions()).usable_references == ()
+    assert "never moved (reference_position_z)" in remarks(still)["feedback_reference_velocity_z"]
 
 
 @pytest.mark.parametrize(("feedback", "planned"), [(0.0, True), (1.5, False)])

@@ -201,6 +201,11 @@ class ReferenceSource:
     #: Whether loops stand between it and the axis: it serves where nothing closer that is exogenous does.
     distant: bool = False
 
+    @property
+    def held_in_position(self) -> bool:
+        """Whether a position loop follows it: constant, it leaves that loop's setpoints only feedback."""
+        return self.distant or bool(self.measured)
+
 
 @dataclass(frozen=True, slots=True)
 class Reference:
@@ -239,7 +244,10 @@ def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[
     if alone:
         serving, why = alone, f"{alone[0]}, which follows it openly, serves"
     elif not any(reference.usable and reference.exogenous for reference in result):
-        return result
+        held = [item.name for item, source in pairs if source.held_in_position and item.remark == CONSTANT]
+        if not held:
+            return result
+        why = f"a loop computes it, and what that follows never moved ({held[0]})"
     return [item if item.name in serving else replace(item, usable=False, remark=why) for item in result]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
@@ -19,7 +19,7 @@ from eivor.flights.motion import Abilities, Flights, FlightView, Prediction, Sol
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input, deviations
 from eivor.flights.references import HEADED, ReferenceSource, with_headed_references
-from eivor.inference.verdict import Status
+from eivor.inference.verdict import Cause, Status
 from eivor.models.frequency_response import local_polynomials, spectra
 from eivor.models.lagged_runs import (
     ACTUATOR_LAG,
@@ -63,6 +63,12 @@ class Axis(AxisEquation):
     def rate(self) -> str:
         """Channel of the rate."""
         return self.torque.replace(TORQUE, "angular_rate")
+
+    def answers(self, flights: Flights) -> bool:
+        """Whether a reference of the axis that serves answers the vehicle."""
+        names = [source.channel for source in self.references]
+        serving = [item for flight in flights for item in flight.references if item.usable]
+        return any(item.name in names and not item.exogenous for item in serving)
 
 
 def _term(name: str, of: str, *, behind: bool = True) -> Term:
@@ -316,11 +322,27 @@ def axis_rules(axis: Axis) -> tuple[verdict.Rule, ...]:
     opposite = f"setpoint and rate of {axis.name} have opposite signs"
     check = f"Check the axes and signs of {axis.torque} and {axis.rate}."
     pushed = "a torque of the air moved with the references"
+    loop = f"The setpoint of {axis.name} answers the vehicle's disturbances"
+
+    def answering(when: Callable[[verdict.VerdictInputs], bool], status: Status, words: str) -> verdict.Rule:
+        def both(inputs: verdict.VerdictInputs) -> bool:
+            return axis.answers(inputs.flights) and when(inputs)
+
+        return verdict.Rule(tuple(names), both, status, words, TABLES.words.log_planned, Cause.INSTRUMENT)
+
     each = [
         verdict.flight_rules(TABLES.words, (name,), (effect, name, ACTUATOR_LAG.name), name) for name in names
     ]
     return (
         *chain.from_iterable(each),
+        answering(
+            lambda _: True, Status.PROVISIONAL, f"{loop}: how far that moves the numbers is not known."
+        ),
+        answering(
+            lambda inputs: inputs.p_value < verdict.DOUBTFUL,
+            Status.REFUSED,
+            f"{loop}, and the references disagree: no interval is long enough for what that does.",
+        ),
         verdict.below_zero_rule(effect, QUANTITIES[effect], Status.REFUSED, opposite, check),
         verdict.below_zero_rule(damping, QUANTITIES[damping], Status.WEAK, pushed, "Fly in calm air."),
         *EFFECTIVENESS.rules(effect, QUANTITIES[effect]),
