@@ -534,13 +534,8 @@ def _unused(state: FlightState) -> tuple[str, str]:
 SENSORS_APART_S = 0.005
 #: Slower states and commands of the other motion determine no lag that is worth an estimate [Hz].
 LEAST_STATE_HZ, LEAST_COMMAND_HZ = 90.0, 45.0
-<<<<<<< HEAD
 #: Instruments weaker than this share of strong ones are not looked at closely: F at coarse lags was .9 of its
 #: best, or more, where that was strong (26 flights of three vehicles), and else half of it.
-=======
-#: Instruments weaker than this share of strong ones end the search: F at coarse lags was .9 and more
-#: of that at the best where that was strong (26 flights of three vehicles), and else half of it.
->>>>>>> 80741761 (What a limit of the rate does to results is measured in the page of the method)
 LEAST_SHARE = 0.5
 
 
