@@ -222,11 +222,11 @@ def test_windows_and_folders_are_read(eivor, log, tmp_path, monkeypatch):
 
 
 def test_the_files_of_folders_are_those_that_are_written(tmp_path):
-    from eivor.fleet.table import FLIGHTS, IDENTITY, PART, PENDING, RUN, UNOPENED, report_path
+    from eivor.fleet.table import COLUMNS, FLIGHTS, IDENTITY, PART, PENDING, RUN, UNOPENED, report_path
     from eivor.lab.figures import figure_files
     from eivor.lab.study import IDENTITY_FILE, TABLE_FILE
 
-    fleet = {IDENTITY, RUN, f"{FLIGHTS}/{PART}", f"{FLIGHTS}/{UNOPENED}", f"{PENDING}/{PART}"}
+    fleet = {IDENTITY, RUN, COLUMNS, f"{FLIGHTS}/{PART}", f"{FLIGHTS}/{UNOPENED}", f"{PENDING}/{PART}"}
     fleet.add(report_path(Path(), "0").as_posix())
     study = {IDENTITY_FILE, TABLE_FILE, "shards/000000.parquet"}
     study.update(map(str, figure_files(Path(), "nrmse", "coverage")))

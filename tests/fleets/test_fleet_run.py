@@ -25,10 +25,12 @@ from eivor.fleet.logs import LogList, logs_found, path_fields, with_covariates
 from eivor.fleet.report import fleet_document, flight_links, interval_text, linked
 from eivor.fleet.run import compact_fleet, hashed, run_fleet
 from eivor.fleet.table import (
+    COLUMNS,
     IDENTITY,
     RUN,
     FleetFolder,
     FleetOptions,
+    _column_words,
     flight_frame,
     part_files,
     read_flights,
@@ -245,13 +247,16 @@ def test_other_readers_read_the_folder_without_options(tmp_path, monkeypatch):
     assert_frame_equal(pl.read_parquet(flights / "*.parquet"), expected, check_row_order=False)
     assert pandas.read_parquet(flights).shape == expected.shape
     assert duckdb.sql(f"FROM read_parquet('{flights}/*.parquet')").columns == expected.columns
+    described = json.loads((folder / COLUMNS).read_text("utf-8"))["properties"]
+    assert list(described) == expected.columns
+    assert described["duration_s"]["unit"] == "s"
     # what comes later has other columns, which earlier parts get
     (flights / "part-7.parquet").write_bytes(parquet_bytes(flight_frame([{"new.value": 1.0, **row("e")}])))
     assert compact_fleet(folder)[0] == 5
     assert pl.read_parquet(flights / "*.parquet")["new.value"].count() == 1
 
 
-def test_rows_join_the_table_as_the_run_goes(logs, tmp_path, monkeypatch):
+def test_columns_have_words_and_units_and_rows_join_the_table_as_the_run_goes(logs, tmp_path, monkeypatch):
     folder, seen = tmp_path / "fleet", []
     monkeypatch.setattr("eivor.fleet.run.MERGE_S", 0.0)
     monkeypatch.setattr("eivor.fleet.run.MERGE_TIMES", 0.0)
@@ -263,6 +268,11 @@ def test_rows_join_the_table_as_the_run_goes(logs, tmp_path, monkeypatch):
     run(logs, folder, shard_logs=1, progress=progress)
     assert [seen[0], *seen[-2:]] == [0, 2, 4]
     assert not list((folder / "pending").iterdir())
+    properties = json.loads((folder / COLUMNS).read_text("utf-8"))["properties"]
+    assert properties["gain.value"] == {"type": ["number", "null"], "description": "estimate"}
+    assert all(item["description"] for item in properties.values())
+    about = _column_words({"viscous_friction.low": pl.Float64()}, motion_by_name("vertical"))
+    assert about["viscous_friction.low"]["unit"] == "1/s"
 
 
 def test_a_full_disk_loses_nothing_that_was_written(logs, tmp_path, monkeypatch):

@@ -81,6 +81,28 @@ def test_the_preferred_source_comes_first_and_zeros_are_none(read):
     assert values == pytest.approx({"velocity_z": 0.5})
 
 
+def packed(quaternion):
+    """A quaternion x, y, z, w in 32 bits, by the rule of the firmware in plain Python."""
+    largest = max(range(4), key=lambda item: abs(quaternion[item]))
+    negated = quaternion[largest] < 0
+    bits = largest
+    for index in range(4):
+        if index != largest:
+            size = int(511 * abs(quaternion[index]) / np.sqrt(0.5) + 0.5)
+            bits = bits << 10 | ((quaternion[index] < 0) ^ negated) << 9 | size
+    return bits
+
+
+def test_packed_quaternions(read):
+    quaternions = np.random.default_rng(0).normal(size=(50, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
+    rows = [[packed(q)] for q in quaternions]
+    c = read(fixed(2, ["stateEstimateZ.quat(I)"], rows)).channels
+    got = np.column_stack([c[f"attitude_{part}"].values for part in "xyzw"])
+    np.testing.assert_allclose(np.abs(np.sum(got * quaternions, axis=1)), 1.0, atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(got, axis=1), 1.0)
+
+
 def test_a_velocity_setpoint_that_the_position_loop_wrote_is_feedback(read):
     steps = np.repeat([0.5, 1.0, 0.5], 20)
     answers = np.random.default_rng(0).normal(size=60)

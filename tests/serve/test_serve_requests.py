@@ -241,7 +241,7 @@ def test_a_body_comes_in_one_piece(page):
         (400, "GET / HTTP/1.1", f"X: {'a' * 700_000}\r\n"),
         (400, "GET /choices HTTP/1.1", "Host: 127.0.0.1:80\r\n"),
         (400, "POST /logs HTTP/1.1", "Content-Length: 1\r\nContent-Length: 2\r\n"),
-        (200, "POST /logs HTTP/1.1", "Content-Length: 0\r\nContent-Length: 0\r\n"),
+        (400, "POST /logs HTTP/1.1", "Content-Length: 0\r\nContent-Length: 0\r\n"),
         (400, "POST /logs HTTP/1.1", "Content-Length: 1\r\nX-Y: z\r\ncontent-length : 1\r\n"),
         (404, "CONNECT evil.example:80 HTTP/1.1", ""),
         (404, "OPTIONS * HTTP/1.1", ""),

@@ -46,7 +46,7 @@ STANDARD_OUTPUT = "-"
 #: Files that are written into the folders of a study and of a fleet, and with the figures of the paper. A
 #: part of a fleet's table holds what was in it before, and a run may find it as a log.
 STUDY_FILES = ("study.json", "trials.parquet", "shards/*", "nrmse.*", "coverage.*")
-FLEET_FILES = ("fleet.json", ".lock", ".run", "reports/*.html")
+FLEET_FILES = ("fleet.json", "schema.json", ".lock", ".run", "reports/*.html")
 FLEET_PARTS = ("flights/*.parquet", "pending/*.parquet")
 RESIDUAL_FILES = ("residuals.csv", "plotjuggler.xml", "residuals.mcap", "foxglove.json")
 PAPER_FILES = ("figure-*.svg", "figure-*.png")

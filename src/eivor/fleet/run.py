@@ -195,17 +195,17 @@ class _Run:
             folder.state(options)
         folder.replace_unopened(logs, options)
         self.progress(before, total)
-        due, done = time.monotonic() + MERGE_S, before
+        motion, due, done = options.chosen_motion(), time.monotonic() + MERGE_S, before
         for rows in self._mapped(self.shard, new, self.shard_logs):
             done += rows
             self.progress(done, total)
             if (start_s := time.monotonic()) > due:
-                folder.merge()
+                folder.merge(motion)
                 due = time.monotonic() + max(MERGE_S, MERGE_TIMES * (time.monotonic() - start_s))
         for part in copies.iter_slices(COPIES):
             firsts = zip(LogList(part), part["first"], strict=True)
             folder.write([table.copy_row(options.row_of(log), first) for log, first in firsts])
-        folder.merge()
+        folder.merge(motion)
         there = folder.there(options.motion)
         if self.shard.page_of is not None:
             with closing(table.reports_there(folder.folder)) as reports:

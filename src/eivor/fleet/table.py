@@ -146,15 +146,36 @@ _KINDS = {
     "texts": pl.List(_TEXT),
     "numbers": pl.List(_NUMBER),
 }
-#: Columns before those of the quantities, and after them.
+_WORDS = package_tables("eivor.fleet", "columns.toml")
+#: Columns before those of the quantities, and after them: type, what it is, and in which unit.
 LEADING, TRAILING = (
-    {name: _KINDS[kind] for name, kind in columns.items()}
-    for columns in package_tables("eivor.fleet", "columns.toml").values()
+    {name: (_KINDS[kind], words, unit) for name, (kind, words, unit) in _WORDS[part].items()}
+    for part in ("leading", "trailing")
 )
 #: By which rows are sorted: a log has one row for each motion.
 ORDER = ("motion", "name", "sha256")
 
 Row = Mapping[str, Any]
+
+
+def _column_words(types: Mapping[str, Any], motion: Motion[Any] | None) -> dict[str, dict[str, Any]]:
+    """JSON Schemas of columns: of common ones, of a motion's quantities, and of others without words."""
+    results: dict[str, dict[str, Any]] = {}
+    for name, kind in types.items():
+        quantity, _, part = name.rpartition(".")
+        text = "string" if kind in (_TEXT, _TIME) else "number"
+        about: dict[str, Any] = {"type": [text, "null"]}
+        if isinstance(kind, pl.List):
+            item = {"type": "string" if kind.inner == _TEXT else "number"}
+            about = {"type": ["array", "null"], "items": item}
+        _, words, unit = {**LEADING, **TRAILING}.get(name, (kind, _WORDS["quantity"].get(part, ""), ""))
+        if name.startswith(DIAGNOSTIC):
+            words = f"diagnostic {part}"
+        spec = None if motion is None else motion.quantities.get(quantity)
+        if spec is not None:
+            words, unit = f"{spec.words}: {words}", "" if part == VERDICT else spec.unit
+        results[name] = about | {"description": words} | ({"unit": unit} if unit else {})
+    return results
 
 
 def flight_frame(rows: Sequence[Row]) -> pl.DataFrame:
@@ -167,8 +188,9 @@ def flight_frame(rows: Sequence[Row]) -> pl.DataFrame:
 
 def _types(names: Iterable[str]) -> dict[str, Any]:
     """Columns of a table in order, each with its type."""
+    known = {name: kind for name, (kind, _, _) in {**LEADING, **TRAILING}.items()}
     of_quantity = {name: _TEXT if name.endswith(f".{VERDICT}") else _NUMBER for name in names}
-    return {name: {**of_quantity, **LEADING, **TRAILING}[name] for name in _in_order(of_quantity)}
+    return {name: {**of_quantity, **known}[name] for name in _in_order(of_quantity)}
 
 
 def _in_order(names: Iterable[str]) -> list[str]:
@@ -266,6 +288,8 @@ DAMAGED = "damaged-"
 NAME_DIGITS = 24
 #: Part of a motion's logs that could not be opened, written anew by every run.
 UNOPENED = "part-unopened-{motion}.parquet"
+#: What every column is, as a JSON Schema of a row.
+COLUMNS = "schema.json"
 #: Columns that say what is there.
 KEY_COLUMNS = ("name", "sha256", "verdict")
 
@@ -398,7 +422,7 @@ class FleetFolder:
             else:
                 path.unlink(missing_ok=True)
 
-    def merge(self) -> None:
+    def merge(self, motion: Motion[Any] | None = None) -> None:
         """Take pending and earlier parts into the table's, which all get the same columns.
 
         A part is replaced as a whole and says what it took in; that is removed only then. Wherever this
@@ -423,6 +447,7 @@ class FleetFolder:
                     break
                 path = self.folder / FLIGHTS / NUMBERED.format(number=number)
                 sources = self._filled(path, sources, types)
+            self._describe(types, motion)
 
     def _filled(self, path: Path, sources: list[Path], types: Mapping[str, Any]) -> list[Path]:
         """Fill a part, and give the sources that are left."""
@@ -452,6 +477,24 @@ class FleetFolder:
         written = self.folder / PENDING / "merging.parquet"
         write_atomically(written, content)
         written.replace(path)
+
+    def _describe(self, types: Mapping[str, Any], motion: Motion[Any] | None) -> None:
+        path = self.folder / COLUMNS
+        try:
+            known = dict(json.loads(path.read_text(encoding="utf-8"))["properties"])
+        except (OSError, ValueError, LookupError, TypeError):
+            known = {}
+        of_motion = {} if motion is None else motion.quantities
+        mine = {name for name in types if name not in known or name.rpartition(".")[0] in of_motion}
+        about = {**known, **_column_words({name: types[name] for name in types if name in mine}, motion)}
+        document = {
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": f"A row of {FLIGHTS}/{PART}, of the format {SCHEMA}",
+            "type": "object",
+            "properties": {name: about[name] for name in types},
+        }
+        if about != known:
+            _write(path, json.dumps(document, indent=2) + "\n")
 
 
 def _write(path: Path, content: bytes | str) -> None:

@@ -36,6 +36,10 @@ FULL_POWER = 65535.0
 ACCELEROMETER_HZ = 30.0
 GYRO_HZ = 80.0
 
+#: A quaternion in 32 bits, and the names of its parts once it is unpacked.
+PACKED_QUATERNION = "stateEstimateZ.quat"
+UNPACKED = tuple(f"{PACKED_QUATERNION}.{part}" for part in "xyzw")
+
 #: Setpoints of the velocity, which old firmware overwrites with its feedback, and of the height beside them.
 VELOCITY_SETPOINTS = {"ctrltarget.vz": "ctrltarget.z", "ctrltargetZ.vz": "ctrltargetZ.z"}
 
@@ -74,8 +78,10 @@ def _source(row: Mapping[str, Any]) -> VariableSource:
 
 
 def _quaternion(columns: Sequence[str]) -> VariableSource:
-    parts = zip("wxyz", map(Expression.of_column, columns), strict=True)
-    return VariableSource("attitude", tuple(ChannelRule(f"attitude_{part}", item) for part, item in parts))
+    texts = (PACKED_QUATERNION if column in UNPACKED else column for column in columns)
+    expressions = (Expression(text, (name,), (name,)) for text, name in zip(texts, columns, strict=True))
+    rules = (ChannelRule(f"attitude_{part}", item) for part, item in zip("wxyz", expressions, strict=True))
+    return VariableSource("attitude", tuple(rules))
 
 
 def _angles(group: str) -> VariableSource:
@@ -131,6 +137,23 @@ def filter_findings(channels: Iterable[Channel]) -> list[Finding]:
             selected.append(f"{', '.join(late)}: {1e3 * delay_s:.2g} ms (low-pass of {cutoff:g} Hz)")
     sentence = "Taken off the stamps, as the firmware filters: {}."
     return common.noted("sensor_delay", sentence, "; ".join(selected))
+
+
+def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]:
+    """Return the parts of quaternions in 32 bits, by the names of `UNPACKED`."""
+    sound = (packed > 0.0) & (packed < 2.0**32)
+    bits = np.where(sound, packed, 0.0).astype(np.uint32)
+    largest = bits >> 30
+    parts = np.zeros((4, bits.size))
+    for item in (3, 2, 1, 0):
+        stored = largest != item
+        size = np.sqrt(0.5) * (bits & 511) / 511.0
+        parts[item] = np.where(stored, np.where(bits & 512, -size, size), 0.0)
+        bits = np.where(stored, bits >> 10, bits)
+    rest = np.sqrt(np.maximum(1.0 - np.sum(parts**2, axis=0), 0.0))
+    parts[largest, np.arange(bits.size)] = rest
+    parts[:, ~sound] = np.nan
+    return dict(zip(UNPACKED, parts, strict=True))
 
 
 MAGIC = b"\xbc"
@@ -282,7 +305,8 @@ class Event:
     @cached_property
     def names(self) -> dict[str, str]:
         """The variable, or clock, that each name of a column means."""
-        names = dict.fromkeys((CLOCK, *self.variables))
+        unpacked = UNPACKED if PACKED_QUATERNION in self.variables else ()
+        names = dict.fromkeys((CLOCK, *self.variables, *unpacked))
         return {name: name for name in names} | {f"{self.name}:{name}": name for name in names}
 
     def has(self, columns: Sequence[str]) -> bool:
@@ -294,6 +318,8 @@ class Event:
         name = self.names[column]
         if name == CLOCK:
             return self.time_s
+        if name not in self._values and name not in self.variables:
+            self._values.update(unpacked_quaternion(self.values(PACKED_QUATERNION)))
         if name not in self._values:
             with np.errstate(invalid="ignore"):
                 values = self.records[str(self.variables.index(name))].astype(np.float64)
@@ -505,6 +531,7 @@ def _known_channels(name: str, events: Sequence[Event], findings: list[Finding])
     served = ((rules, event.columns(_BUILT_IN.needed_by(rules))) for event, rules in of_events if rules)
     channels = channels_by_clock(_BUILT_IN, served, name, findings)
     used = {column for source, _ in chosen for column in source.columns}
+    used |= {PACKED_QUATERNION} if used.intersection(UNPACKED) else set()
     variables = dict.fromkeys(variable for event in events for variable in event.variables)
     others = [variable for variable in variables if variable not in used]
     if not channels:

@@ -55,6 +55,8 @@ LAST_S = 2
 #: Connections at a time that have shown a token and that have not, and bytes of a request's head and of one
 #: that is no log.
 MOST_CONNECTIONS, MOST_STRANGERS, MOST_HEAD, MOST_JSON = 64, 32, 65_536, 1_000_000
+#: Headers of which a request has one.
+_SINGLE = re.compile(rb"(?im)^(host|content-length)[ \t]*:")
 #: How folders of servers are called.
 PREFIX = "eivor-serve-"
 MOST_FIELDS = 20
@@ -201,6 +203,8 @@ def _listening(port: int) -> socket.socket:
 class BoundedProtocol(H11Protocol):
     """Connections of a limited number, whose requests come within a limited time."""
 
+    #: What has come of the head of the request; None once all of it has.
+    head: bytes | None = b""
     has_token = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -217,6 +221,17 @@ class BoundedProtocol(H11Protocol):
         if len(strangers) >= MOST_STRANGERS:
             min(strangers, key=lambda item: item.began_at).transport.close()
         self.loop.call_later(HEAD_S, self._end_late)
+
+    def data_received(self, data: bytes) -> None:
+        """Refuse a head that says twice what it may say once, before it is parsed."""
+        if self.head is not None:
+            head, *rest = re.split(rb"\r?\n\r?\n", self.head + data, maxsplit=1)
+            names = [name.lower() for name in _SINGLE.findall(head)]
+            if len(names) > len(set(names)):
+                self.send_400_response("one that says its host or its length twice")
+                return
+            self.head = None if rest else head
+        super().data_received(data)
 
     def send_400_response(self, msg: str) -> None:
         self._end(RefusedError(HTTPStatus.BAD_REQUEST, "a request of the page", msg, _RELOAD))
