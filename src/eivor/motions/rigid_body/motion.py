@@ -315,7 +315,9 @@ def refined_structure(
     chosen = [item for item in PRODUCT if item.name in kept]
     if ASYMMETRY.name in kept:
         values[ASYMMETRY.name] = float(np.clip(kept[ASYMMETRY.name], *ASYMMETRIES))
-        nuisances = tuple(_around(item, values[item.name]) for item in nuisances)
+        # a search is nearly at its end: between its ends one value is enough
+        grids = (np.unique([item.first, values[item.name], item.grid[-1]]) for item in nuisances)
+        nuisances = tuple(replace(item, grid=grid) for item, grid in zip(nuisances, grids, strict=True))
     else:
         nuisances = problem.nuisances
     still, at = problem.still, {item.name: values[item.name] for item in nuisances}
@@ -327,11 +329,6 @@ def refined_structure(
         return made, estimated(made), left_out
     except (DataError, EstimationError):
         return problem, estimate, left_out
-
-
-def _around(nuisance: Nuisance, value: float) -> Nuisance:
-    """With a grid of its ends and a value, where a search is nearly at its end."""
-    return replace(nuisance, grid=np.unique([nuisance.first, value, nuisance.grid[-1]]))
 
 
 def in_full_band(problem: LaggedRuns) -> LaggedRuns:
@@ -367,12 +364,6 @@ def settled(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) ->
     """Samples in the air at which the rotors no longer know how they began."""
     result, converged = active(log, grid, input_level), grid.steps - grid.steps[0] >= SETTLED_S / grid.step_s
     return replace(result, mask=result.mask & converged)
-
-
-def _bound(step: float, error: float) -> QuantityEstimate:
-    """What the first step of a term that is left out says of it."""
-    half = normal_quantile(0.95) * error
-    return QuantityEstimate(step, "", error, (step - half, step + half))
 
 
 def refined(
@@ -453,8 +444,10 @@ class RigidBody(motion.Motion[LaggedRuns]):
             **verdict.gyroscopic_moments(problem, joint),
             **viscous_friction(problem, estimate),
             **lag_quantities(problem, estimate),
-            **{name: _bound(*pair) for name, pair in estimate.left_out.items()},
         }
+        for name, (step, error) in estimate.left_out.items():  # what the first step says of it
+            half = normal_quantile(0.95) * error
+            results[name] = QuantityEstimate(step, "", error, (step - half, step + half))
         if OUTPUT_ERROR in estimate.method:  # it searches for no drag below zero
             results |= {name: replace(results[name], lowest=0.0) for name in {*results} & NOT_NEGATIVE}
         return {name: results[name] for name in QUANTITIES if name in results}
