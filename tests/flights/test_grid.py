@@ -217,6 +217,15 @@ def test_an_input_that_is_off_in_the_air_does_not_make_ground():
     assert stretches(started.mask) == [(200 + MARGIN, 1000 - MARGIN), (1200 + MARGIN, 2000)]
 
 
+def test_at_idle_the_ground_carries_what_keeps_its_height():
+    """Rotors at a third of their speed in flight were in the air: log and ground made every gain refused."""
+    level = profile((4.0, 0.16), (10.0, 0.5), (3.0, 0.16))
+    height = profile((4.0, 0.02), (10.0, 1.5), (3.0, 0.05))
+    assert stretches(found(level, height=height).mask) == [(400 + MARGIN, 1400 - MARGIN)]
+    falling = np.concatenate([height[:1400], 1.5 - 0.003 * np.arange(300.0)])
+    assert stretches(found(level, height=falling).mask) == [(400 + MARGIN, 1700)]
+
+
 def test_while_rotors_spool_up_the_ground_carries_the_rest():
     """Height and land detector may say that it flies; a fall with little thrust is flight."""
     level = np.concatenate([np.zeros(200), np.linspace(0.1, 0.5, 500), np.full(1000, 0.5), np.full(400, 0.2)])

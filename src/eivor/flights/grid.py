@@ -276,6 +276,8 @@ OFF_SHARE = 0.25
 IDLE_SHARE = 0.1
 #: So long must the input be off for the rule to know the ground, or at idle to end a flight [s].
 OFF_FOR_S = 0.5
+#: What keeps its height for so long at less than this share does not fall: the ground carries it at idle.
+CARRIED_SHARE = 0.7
 #: So high is off the ground [m].
 CLEARANCE_M = 0.1
 #: Until the input, over what is felt of gravity, reaches this share of its usual value after take-off, and
@@ -337,6 +339,8 @@ def airborne(*, input_level: Series, step_s: float, landed: Mask | None, height:
     off = _for_long(input_level < OFF_SHARE * level, step_s)
     if level <= 0.0:
         return Active(np.zeros(off.size, dtype=np.bool_), "the input, which never rises above zero")
+    if height is not None:
+        off |= _carried_by_ground(input_level < CARRIED_SHARE * level, height, step_s)
     if off.sum() * step_s < OFF_FOR_S:
         return Active(np.ones(off.size, dtype=np.bool_), "the input, which is never off")
     if height is None:
@@ -365,6 +369,14 @@ def _lifted(flying: Mask, lift: Series, step_s: float) -> Mask:
         if stretch.stop < flying.size and carried.size and carried[-1] < inside.size - 1:
             result[stretch.start + int(carried[-1]) + 1 - margin : stretch.stop] = False
     return result
+
+
+def _carried_by_ground(weak: Mask, height: Series, step_s: float) -> Mask:
+    """Samples of the long stretches of weak input in which the height stays as it is."""
+    held = _for_long(weak, step_s)
+    for stretch in stretches(held):
+        held[stretch] = np.ptp(height[stretch]) < CLEARANCE_M
+    return held
 
 
 def _for_long(mask: Mask, step_s: float) -> Mask:
