@@ -11,7 +11,8 @@ import pytest
 from flight_logs import FRICTION, LAG_S, changed, flown
 
 import eivor as ev
-from eivor.flights.lag_prior import lag_quantities, within_sum
+from eivor.flights.lag_prior import LagPrior, lag_quantities, within_sum
+from eivor.flights.quantity import QuantityEstimate
 from eivor.motions.rates.motion import Rates
 from logs.dataflash_writer import commands
 
@@ -55,6 +56,14 @@ def test_bounds_intersect_what_the_flight_says():
     assert middle - 0.005 <= low <= high <= alone.quantities["effective_lag"].interval[1] + 0.005
     width = alone.quantities["viscous_friction"].half_width
     assert cut.quantities["viscous_friction"].half_width < 2.0 * width
+
+
+def test_what_was_given_ends_the_interval_only_where_the_flight_agrees():
+    flight = QuantityEstimate(0.07, "s", 0.004, (0.062, 0.078))
+    agreed, doubtful = (LagPrior(ev.Prior(mean, 0.005), flight, strong=True) for mean in (0.066, 0.054))
+    assert agreed.within((0.055, 0.085), 0.069) == pytest.approx((0.0562, 0.0758))
+    # a lag that was given 20 ms short ended the interval at its value: none of 7 flights was covered
+    assert doubtful.within((0.053, 0.069), 0.061) == (0.053, 0.07)
 
 
 @pytest.mark.thorough

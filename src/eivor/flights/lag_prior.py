@@ -236,15 +236,18 @@ class LagPrior:
         return self.strong and isinstance(known, Bounds) and known.low < low and high < known.high
 
     def within(self, interval: tuple[float, float], value: float) -> tuple[float, float]:
-        """Interval of lag and delay, no wider to either side than what was known before the flight."""
+        """Interval of lag and delay: within what was known, or to the flight's own where they differ."""
         known = self.known
-        if self.contradicted or known == NO_LAG:
+        if known == NO_LAG:
             return interval
         if isinstance(known, Prior):
             low, high = known.mean - NORMAL * self.std, known.mean + NORMAL * self.std
         else:  # the flight's own interval is no such end: it has no systematic parts
             low, high = self._ends(known)
-        return max(interval[0], min(low, value)), min(interval[1], max(high, value))
+        if low <= value <= high and self.p_value >= 1.0 - LEVEL:
+            return max(interval[0], low), min(interval[1], high)
+        own = self.alone.value if math.isfinite(self.alone.value) else value
+        return min(interval[0], own), max(interval[1], own)
 
     @property
     def given(self) -> str:
