@@ -584,6 +584,7 @@ LIMITS = {
 }
 _DRAGS = tuple(item.name for item in (*DRAG, *QUADRATIC_DRAG))
 _NO_DRAG = "a disturbance that goes with the motion, such as wind, not the air's drag"
+_DAMPINGS, _PUSHED = tuple(item.name for item in DAMPING), "a torque that goes with the turning drives it"
 #: What a steady wind makes wrong: the drags across.
 ACROSS = tuple(item.name for item in (*DRAG[:2], *QUADRATIC_DRAG[:2]))
 
@@ -592,7 +593,7 @@ PARTS = (
     *verdict.clock_parts(
         LAGS,
         (*(item.name for item in GAIN), *_SPINS),
-        tuple(item.name for item in DAMPING),
+        _DAMPINGS,
         Counts.INDEPENDENT,
     ),
     verdict.SystematicPart(
@@ -645,6 +646,8 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
         rules += verdict.flight_rules(WORDS, (name,), ())
         if name in _DRAGS:
             rules.append(verdict.below_zero_rule(name, wording[name], Status.WEAK, _NO_DRAG, WORDS.fly))
+        if name in _DAMPINGS:
+            rules.append(verdict.below_zero_rule(name, wording[name], Status.REFUSED, _PUSHED, WORDS.fly))
         if name in _GAINS:
             plain, wrong = replace(wording[name], unit=""), _what_is_wrong(name)
             rules.append(verdict.below_zero_rule(name, plain, Status.REFUSED, wrong, CORRECT_ROTORS))
