@@ -109,18 +109,6 @@ def end_of(signals: Signals, count: int) -> Signals:
 
 def continued(before: Signals, chunk: Signals, lag: int) -> Signals:
     """Return a chunk with the last `lag` samples before it."""
-    _check_successor(before, chunk)
-    end = end_of(before, lag)
-    valid = None
-    if end.valid is not None or chunk.valid is not None:
-        valid = np.concatenate(
-            [np.ones(s.sample_count, dtype=np.bool_) if s.valid is None else s.valid for s in (end, chunk)]
-        )
-    channels = {name: np.concatenate([end.channels[name], values]) for name, values in chunk.channels.items()}
-    return replace(chunk, channels=channels, valid=valid, start_s=end.start_s, offset=end.offset)
-
-
-def _check_successor(before: Signals, chunk: Signals) -> None:
     if chunk.rate_hz != before.rate_hz or set(chunk.channels) != set(before.channels):
         raise UsageError(
             f"chunks of one record: {before.rate_hz:g} Hz, {', '.join(sorted(before.channels))}",
@@ -132,6 +120,14 @@ def _check_successor(before: Signals, chunk: Signals) -> None:
         wanted = f"a chunk that begins where the one before it ends, at sample {expected}"
         remedy = "Give every chunk, in order; mark samples that are missing as not valid."
         raise UsageError(wanted, f"one that says it begins at sample {chunk.offset}", remedy)
+    end = end_of(before, lag)
+    valid = None
+    if end.valid is not None or chunk.valid is not None:
+        valid = np.concatenate(
+            [np.ones(s.sample_count, dtype=np.bool_) if s.valid is None else s.valid for s in (end, chunk)]
+        )
+    channels = {name: np.concatenate([end.channels[name], values]) for name, values in chunk.channels.items()}
+    return replace(chunk, channels=channels, valid=valid, start_s=end.start_s, offset=end.offset)
 
 
 def identify_chunks(

@@ -20,13 +20,8 @@ from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Disturbance, Excitation, autoregression, constant, largest_root
 from eivor.tools import Float
 
-
-@dataclass(frozen=True, slots=True)
-class Records:
-    """Records of several trials, side by side."""
-
-    first: Signals  # The first of them; all have its rate, its length and its noises
-    channels: Mapping[str, Float[np.ndarray, "trials n"]]
+#: First record of several trials, whose rate, length and noises all have, and all channels side by side.
+Records: TypeAlias = tuple[Signals, Mapping[str, Float[np.ndarray, "trials n"]]]
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:
@@ -109,9 +104,7 @@ class Experiment(ABC):
         first, white = made[0], all(isinstance(noise, WhiteNoise) for noise in made[0].noise.values())
         if not white or first.valid is not None or any(item.noise != first.noise for item in made):
             return None
-        return Records(
-            first, {name: np.stack([item.channels[name] for item in made]) for name in first.channels}
-        )
+        return first, {name: np.stack([item.channels[name] for item in made]) for name in first.channels}
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +212,7 @@ class DifferenceEquation(Experiment):
                 for index, each in enumerate(streams(seed, numbers, source)):
                     series[index] += noise[name].sample(self.samples, each)
         first = {name: series[0] for name, series in channels.items()}
-        return Records(Signals(self.rate_hz, first, noise=noise), channels)
+        return Signals(self.rate_hz, first, noise=noise), channels
 
     def _true(
         self, sources: Iterable[Sequence[np.random.Generator]]

@@ -32,7 +32,6 @@ from eivor.atomic_file import (
 )
 from eivor.errors import EivorError, InputError, UsageError
 from eivor.estimation import methods
-from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import SAME_COLUMN, LinearMethod, Method
 from eivor.estimation.methods import identify
 from eivor.estimation.weighting import EquationWeighting
@@ -153,12 +152,6 @@ class MethodChoice:
         if self.regularisation is None or not isinstance(made, LinearMethod):
             return made
         return regularised(made, self.regularisation.parameter, TARGETS[self.regularisation.towards])
-
-    def with_covariance(self, estimate: Estimate) -> Estimate:
-        """Estimate whose intervals rest on the covariance chosen."""
-        if self.covariance == "default":
-            return estimate
-        return estimate.with_covariance(covariances.TABLE[self.covariance]())
 
     @property
     def is_plain(self) -> bool:
@@ -293,8 +286,8 @@ def _estimated(study: Study, choice: MethodChoice, signals: Signals) -> Row:
         signals = replace(signals, noise={name: signals.noise[name] for name in choice.known_noise})
     estimate = identify(study.experiment.problem(signals, choice.instruments), choice.method)
     estimate = replace(estimate, doubts=None)  # Periods would cost each trial as much again
-    if study.intervals:
-        estimate = choice.with_covariance(estimate)
+    if study.intervals and choice.covariance != "default":
+        estimate = estimate.with_covariance(covariances.TABLE[choice.covariance]())
     row: Row = {f"{choice.label}.status": estimate.status.value}
     for name in study.parameters:
         values: tuple[float, ...] = (estimate.parameters[name],)
@@ -344,7 +337,7 @@ def side_by_side(study: Study, numbers: Sequence[int]) -> list[Row]:
 
 def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.ndarray, "trials n"]:
     """Parameters of every trial by one method; NaN where a trial is in doubt."""
-    method, signals = cast("LinearMethod", choice.method), records.first
+    method, (signals, channels) = cast("LinearMethod", choice.method), records
     if choice.known_noise is not None:
         signals = replace(signals, noise={name: signals.noise[name] for name in choice.known_noise})
     problem, assembler = study.experiment.problem(signals, choice.instruments), method.assembler
@@ -353,9 +346,7 @@ def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.nd
     count = signals.sample_count - problem.first
     if problem.used is not None or count <= unknowns or any(c.gain_channel or not c.channel for c in columns):
         raise UsageError("columns of channels", "others", "They are computed one by one.")
-    series = [
-        (column.gain, records.channels[column.channel], problem.first - column.lag) for column in columns
-    ]
+    series = [(column.gain, channels[column.channel], problem.first - column.lag) for column in columns]
     trials, results = len(series[-1][1]), []
     table = np.empty((min(trials, max(1, CACHED // (count * len(columns)))), len(columns), count))
     for start in range(0, trials, len(table)):
