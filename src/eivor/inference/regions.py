@@ -186,35 +186,12 @@ def _end(meets: Callable[[float], bool], low: float, high: float, inside_low: bo
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Confidence ellipse of a pair.
-
-    Raises
-    ------
-    ShapeError
-        When it is not a pair.
-    UsageError
-        When the covariance is not one, the level not between 0 and 1, or there are fewer than two degrees
-        of freedom.
-    """
+    """Confidence ellipse of a pair. Performs no checks."""
 
     centre: Float[np.ndarray, " pair"]  # The pair's estimates, each in its own unit
     covariance: Float[np.ndarray, "pair pair"]  # Their covariance
     level: float = 0.95  # Confidence level
     degrees: float = math.inf  # Degrees of freedom of the covariance; infinite for a known one
-
-    def __post_init__(self) -> None:
-        if self.centre.shape != (2,) or self.covariance.shape != (2, 2):
-            expected = "a pair of estimates and their 2 x 2 covariance"
-            remedy = "Choose two parameters, or two linear combinations."
-            raise ShapeError(expected, f"shapes {self.centre.shape} and {self.covariance.shape}", remedy)
-        C = self.covariance
-        shared = math.sqrt(max(float(C[0, 0]) * float(C[1, 1]), 0.0))
-        symmetric = abs(float(C[0, 1] - C[1, 0])) <= 1e-10 * shared
-        bounded = abs(float(C[0, 1])) <= shared * (1.0 + 1e-10)
-        if not (np.isfinite(C).all() and C[0, 0] >= 0.0 and C[1, 1] >= 0.0 and symmetric and bounded):
-            remedy = "Use rows and columns of an estimate's covariance."
-            raise UsageError("a finite, symmetric, positive semidefinite covariance", f"{C.tolist()}", remedy)
-        hotelling_quantile(self.level, 2, self.degrees)
 
     @property
     def squared_radius(self) -> float:
