@@ -247,6 +247,11 @@ class LaggedRuns(SeparableProblem):
                 f"{count or 'none'}; the longest run lasts {longest:.3g} s",
                 "Fly longer without a break, and log commands and sensors faster.",
             )
+        for item in self.columns:
+            if item.responses.shape[1] not in (1, 2):
+                expected = "one or two candidates for the response of an axis"
+                remedy = "Give what was measured and, beside it, a derivative of what was measured."
+                raise ShapeError(expected, f"{item.responses.shape[1]}", remedy)
         for axis in self.axes:
             widths = [column.instruments.shape[1] for column in self.columns if column.axis == axis]
             if len(set(widths)) != 1:
