@@ -269,8 +269,7 @@ class WhitenedRows(WeightedRows):
             here = slice(start, start + run.count)
             known, weight = fixed[:, here], np.tile(1.0 / np.sqrt(self.power[here]), 2)
             rows = slice(2 * here.start, 2 * here.stop)
-            np.multiply(X, weight, out=X)  # many points are large
-            yield basis[rows], np.concatenate([known.real, known.imag], axis=1), at, j, X
+            yield basis[rows], np.concatenate([known.real, known.imag], axis=1), at, j, X * weight
             start = here.stop
 
     def sums(

@@ -290,11 +290,9 @@ class LaggedRuns(SeparableProblem):
 
     def moved_runs(self, points: Sequence[Values]) -> Iterator[MovedRun]:
         every = [self._moving_bins(point) for point in points]
-        for (item, _), *blocks in zip(self._cut(), *every, strict=True):
-            X = np.empty((len(blocks), blocks[0].shape[1], 2 * blocks[0].shape[0]))
-            for rows, block in zip(X, blocks, strict=True):
-                np.concatenate([block.real, block.imag], out=rows.T)
-            yield self._places(item), X
+        for number, (item, _) in enumerate(self._cut()):
+            X = np.stack([blocks[number].T for blocks in every])
+            yield self._places(item), np.concatenate([X.real, X.imag], axis=2)
 
     def with_instruments(self, instruments: Sequence[Float[np.ndarray, "n p"]]) -> LaggedRuns:
         """The same with other instruments of each flight and axis."""

@@ -523,7 +523,7 @@ class Machine(DeclaredMotion):
             signals = ((item.axis, flights[item.flight].signals) for item in first.columns)
             return first.with_instruments([self.instruments(axis, of, made) for axis, of in signals])
 
-        return max(map(lagging, lags), key=partial(_strength, _sought(first)))
+        return max([first, *map(lagging, lags[1:])], key=partial(_strength, _sought(first)))
 
     def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> MachineChecks:
         return MachineChecks(

@@ -92,9 +92,14 @@ class BodyMotion:
         momentum[[i, j]], change[[i, j]] = self.rates[[j, i]], self.turning[[j, i]]
         return momentum[after] * self.rates[last] - momentum[last] * self.rates[after] - change[axis]
 
+    @cached_property
+    def shares(self) -> Float[np.ndarray, "7 n"]:
+        """States over the usual one."""
+        return self.state / self.usual
+
     def dragged(self, axis: int) -> Series:
         """Sum over the rotors of usual states times the velocity at each: along an axis, or about one."""
-        total, x, y, xx, xy, yy, _ = self.state / self.usual
+        total, x, y, xx, xy, yy, _ = self.shares
         (u, v, w), (p, q, r) = self.velocity, self.rates
         if axis == ROLL_EQUATION:
             return w * y + p * yy - q * xy
@@ -508,13 +513,14 @@ class RotorColumns:
         now, means = self.states.at(**lagged_runs.actuators(nuisance_values))
         of = means if self.axis < FORCE_X_EQUATION else now
         sensor = onboard_filter(self.states.flight, self.states.vehicle, self.axis)
-        return np.stack([share * as_logged(term, of, sensor) for _, share, term in self._terms()]).T
+        return np.stack([share * as_logged(term, of, sensor) for _, share, term in self._terms]).T
 
     @property
     def indices(self) -> tuple[int, ...]:
         """Places of this equation's parameters among those of all moving columns."""
-        return tuple(index for index, *_ in self._terms())
+        return tuple(index for index, *_ in self._terms)
 
+    @cached_property
     def _terms(self) -> list[tuple[int, float, RigidTerm]]:
         """Place of the parameter, factor and term of each column."""
         results = []
