@@ -85,6 +85,7 @@ def test_no_lag_is_below_zero_and_its_parts_end_where_it_does():
     longer = lags | {"actuator_lag": replace(lags["actuator_lag"], interval=(0.0, 9.0))}
     high = lags["effective_lag"].interval[1]
     assert within_sum(longer)["actuator_lag"].interval == (0.0, high)
+    assert within_sum(longer, unsplit=True)["delay"].interval[0] == 0.0
     late = {name: replace(item, lowest=-np.inf) for name, item in longer.items()}
     assert within_sum(late) == late  # telemetry may come before its command
     assert {"delay", "effective_lag"} <= {*Rates.parts[0].quantities}

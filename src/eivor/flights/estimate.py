@@ -69,7 +69,7 @@ from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
 from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.verdict import Reason, Status, verdict
-from eivor.models.lagged_runs import ACTUATOR_LAG, of_order
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, of_order
 from eivor.models.separable import (
     LaggedInputs,
     LaggedReferences,
@@ -428,7 +428,12 @@ def with_fit(state: FlightState, fit: Fit, inputs: VerdictInputs) -> FlightEstim
         lag = estimates[EFFECTIVE_LAG]
         within = fit.lag_prior.within(lag.interval, lag.value)
         estimates |= {EFFECTIVE_LAG: replace(lag, interval=within)}
-    estimates = within_sum(estimates)
+    # of a lag at its least, a delay makes up for the rest, whatever the split
+    lags = [item for item in best.profiles if item.nuisance.name == ACTUATOR_LAG.name]
+    least = (
+        any(best.nuisances[item.nuisance.name] <= item.grid[0] for item in lags) and DELAY.name in searched
+    )
+    estimates = within_sum(estimates, unsplit=least)
     by_rules = reasons_by_quantity(motion.rules, replace(inputs, quantities=estimates), wording)
     # reasons of the estimate are each quantity's
     reasons = {name: [*by_rule, *best.reasons] for name, by_rule in by_rules.items()}

@@ -96,15 +96,18 @@ def linear_quantity(
     return QuantityEstimate(value, unit, error, (value - half, value + half))
 
 
-def within_sum(estimates: Mapping[str, QuantityEstimate]) -> dict[str, QuantityEstimate]:
-    """Quantities whose lag and delay, where neither is below zero, end where their sum does."""
+def within_sum(
+    estimates: Mapping[str, QuantityEstimate], *, unsplit: bool = False
+) -> dict[str, QuantityEstimate]:
+    """Quantities whose lag and delay, where neither is below zero, end where their sum does, unsplit both."""
     names = [name for name in LAG_SUMS[EFFECTIVE_LAG] if name in estimates]
     results = dict(estimates)
     if EFFECTIVE_LAG in estimates and all(estimates[name].lowest == 0.0 for name in names):
         for name in names:
             low, high = estimates[name].interval
             highest = max(estimates[EFFECTIVE_LAG].interval[1], estimates[name].value)
-            results[name] = replace(estimates[name], interval=(low, min(high, highest)))
+            ends = (0.0, highest) if unsplit else (low, min(high, highest))
+            results[name] = replace(estimates[name], interval=ends)
     return results
 
 

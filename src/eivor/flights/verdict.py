@@ -562,10 +562,23 @@ SECOND_STAGE_RULE = Rule(
 )
 
 
+#: A lag at the bottom of its grid: both parts have the interval of the sum.
+UNSPLIT_RULE = Rule(
+    (ACTUATOR_LAG.name, DELAY.name),
+    lambda inputs: (
+        inputs.quantities[ACTUATOR_LAG.name].interval == inputs.quantities[DELAY.name].interval
+        and inputs.quantities[DELAY.name].interval[1] > 0.0
+    ),
+    Status.WEAK,
+    "How much of the effective lag is delay cannot be distinguished.",
+    "Fly a sweep, or quicker steps.",
+)
+
+
 def lag_rules(limit: Limit, wording: QuantitySpec) -> tuple[Rule, ...]:
     """Rows of the effective lag, of its parts, and of a second stage."""
     parts = (ACTUATOR_LAG.name, DELAY.name, *STAGES)
-    return (*limit.rules(EFFECTIVE_LAG, wording, *parts), SECOND_STAGE_RULE)
+    return (*limit.rules(EFFECTIVE_LAG, wording, *parts), SECOND_STAGE_RULE, UNSPLIT_RULE)
 
 
 def longest_lag_rule(quantities: tuple[str, ...], remedy: str) -> Rule:
