@@ -86,6 +86,7 @@ class VehicleSpec:
     voltage_sag: float = 0.0  # Share of the voltage that is lost over the flight; speed follows it
     payload: float = 0.0  # Share of the mass that is dropped at half of the flight
     slew: float = 0.0  # Largest rate of the command that reaches the rotor [1/s]; none for zero
+    ceiling: float = 0.0  # Largest command that does; none for zero
     # Thrust gains 1 / (1 - (R / 4 z)^2) above a ground that is `least_height` below the lowest reference; no
     # ground for a radius of zero
     rotor_radius: float = 0.0
@@ -240,7 +241,7 @@ def fly(spec: VehicleSpec, met: Surroundings) -> Motion:
     lags = (spec.actuator_lag, spec.actuator_lag * spec.slower_down)
     up, down = (math.exp(-0.5 * STEP_S / lag) for lag in lags)
     late, every = round(spec.delay / STEP_S), spec.controller_steps
-    slew = STEP_S * spec.slew or math.inf
+    slew, ceiling = STEP_S * spec.slew or math.inf, spec.ceiling or math.inf
     state, z, v = spec.hover_input, float(met.position[0]), float(met.velocity[0])
     command = acting = spec.hover_input
     thrust = thrust_of(spec.hover_input)
@@ -250,7 +251,7 @@ def fly(spec: VehicleSpec, met: Surroundings) -> Motion:
         if k % every == 0:
             command = controller.command(k, z, v, thrust_of)
         commands.append(command)
-        acting += min(max(commands[k] - acting, -slew), slew)
+        acting += min(max(min(commands[k], ceiling) - acting, -slew), slew)
         decay, away = down if acting < state else up, state - acting
         end = acting + decay * decay * away
         middle_thrust, end_thrust = thrust_of(acting + decay * away), thrust_of(end)

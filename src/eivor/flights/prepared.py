@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -339,6 +340,17 @@ def triangle_mean(
 CONSTANT_INPUT_SHARE = 1e-6
 
 
+#: Kinds of limits, as diagnostics name them.
+RATE, LEVEL = "command_rate_limit", "command_level_limit"
+
+
+class CommandLimit(NamedTuple):
+    """What commands act within."""
+
+    kind: str
+    value: float  # The largest rate [1/s], or the largest command
+
+
 @dataclass(frozen=True)
 class PreparedFlight:
     """A flight on its grid."""
@@ -396,23 +408,27 @@ class PreparedFlight:
             grid=self.grid.kept(kept),
         )
 
-    def acting(self, limits: Float[np.ndarray, " k"]) -> Float[np.ndarray, "n m k"]:
-        """Commands on the grid as they act on rotors that follow them at no more than each limit [1/s]."""
+    def acting(self, limits: Sequence[CommandLimit]) -> Float[np.ndarray, "n m k"]:
+        """Commands on the grid as they act within each of some limits of one kind."""
 
         def on_grid(command: Channel) -> Float[np.ndarray, "n k"]:
             ends = self.grid.time_s[[0, -1]] + [-2.0 * CAUGHT_UP_S, CAUGHT_UP_S]
             near = slice(*np.searchsorted(command.time_s, ends).tolist())
             part = replace(command, time_s=command.time_s[near], values=command.values[near])
-            rows = rate_limited(part.values, part.time_s, limits)
+            values = np.array([limit.value for limit in limits])
+            if limits[0].kind == RATE:
+                rows = rate_limited(part.values, part.time_s, values)
+            else:
+                rows = np.minimum(part.values, values[:, None])
             return np.stack(
                 [command_on_grid(replace(part, values=row), self.grid)[0] for row in rows], axis=1
             )
 
         return np.stack([on_grid(command) for command in self.issued], axis=1)
 
-    def acting_at(self, limit: float) -> PreparedFlight:
-        """The flight with commands as they act at a limited rate [1/s]."""
-        acting = self.acting(np.array([limit]))[:, :, 0].T
+    def within(self, limit: CommandLimit) -> PreparedFlight:
+        """The flight with commands as they act within a limit."""
+        acting = self.acting([limit])[:, :, 0].T
         channels = dict(zip((command.name for command in self.issued), acting, strict=True))
         signals = replace(self.signals, channels={**self.signals.channels, **channels})
         return replace(self, signals=signals)

@@ -19,7 +19,7 @@ from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction, for_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import check_options, prepare
-from eivor.flights.prepared import LARGEST_INPUT_RATIO, PreparedFlight
+from eivor.flights.prepared import LARGEST_INPUT_RATIO, LEVEL, RATE, CommandLimit, PreparedFlight
 from eivor.flights.quantity import Horizon, Kind, PredictedQuantity, Quantity, QuantityTable, SimpleModel
 from eivor.flights.result import FlightEstimate
 from eivor.inference.distributions import chi_square_tail, normal_quantile
@@ -320,8 +320,9 @@ def _prepared(
             "Give a log with the same command; in a table or a bag, a channel map may name it (--map).",
         )
     flight = prepare(recording, motion, options)
-    limit = fit.document.diagnostics.get("command_rate_limit")
-    flight = flight.acting_at(limit) if limit and flight.issued else flight
+    for kind in (RATE, LEVEL):
+        limit = fit.document.diagnostics.get(kind)
+        flight = flight.within(CommandLimit(kind, limit)) if limit and flight.issued else flight
     if not flight.runs:
         raise InputError(
             f"three seconds {motion.words.where} in runs of a second or more",

@@ -14,7 +14,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.flights import lag_prior, motion
 from eivor.flights.grid import on_grid
 from eivor.flights.options import FIT_MAP, FlightOptions
-from eivor.flights.prepared import Difference, PreparedFlight, Selection, sensor_agreement
+from eivor.flights.prepared import RATE, Difference, PreparedFlight, Selection, sensor_agreement
 from eivor.flights.quantity import (
     NAN,
     NO_INTERVAL,
@@ -29,7 +29,7 @@ from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import InstrumentRule, Prior, Values
 from eivor.motions.rigid_body.vehicle import load_vehicle
-from eivor.motions.vertical import misspecification, rate_limit, select, thrust_curve, verdict
+from eivor.motions.vertical import command_limit, misspecification, select, thrust_curve, verdict
 from eivor.motions.vertical.figures import key_figures
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
@@ -216,8 +216,8 @@ def resampled(
 def refined(
     problem: VerticalFlights, solve: motion.Solver[VerticalFlights], options: FlightOptions
 ) -> tuple[VerticalFlights, Estimate]:
-    """The problem with the limit of the commands' rate and the input map that flights show."""
-    problem, estimate = rate_limit.with_rate_limit(problem, solve)
+    """The problem with the limit of commands and the input map that flights show."""
+    problem, estimate = command_limit.with_command_limit(problem, solve)
     if options.input_map == FIT_MAP:
         return thrust_curve.refined_curve(problem, solve, options.accelerometer_bias)
     return problem, estimate
@@ -225,17 +225,21 @@ def refined(
 
 def refined_flights(flights: motion.Flights, problem: VerticalFlights) -> motion.Flights:
     """Flights with what the problem found out."""
-    limit = min((flight.rate_limit for flight in problem.flights), default=math.inf)
     known = [replace(flight, input_map=problem.motion.input_map.name) for flight in flights]
-    if math.isinf(limit):
+    limit = problem.flights[0].command_limit if problem.flights else None
+    if limit is None:
         return tuple(known)
-    unit = known[0].issued[0].unit or "1"
-    sentence = (
-        f"Commands act at no more than {limit:.2g} {unit}/s, as the response to their noise shows: gain, "
-        "friction and lag are those behind commands of that rate."
-    )
-    finding = Finding("command_rate_limit", sentence)
-    return tuple(replace(f.acting_at(limit), findings=(*f.findings, finding)) for f in known)
+    unit = known[0].issued[0].unit
+    if limit.kind == RATE:
+        sentence = (
+            f"Commands act at no more than {limit.value:.2g} {unit or '1'}/s, as the response to their noise "
+            "shows: gain, friction and lag are those behind commands of that rate."
+        )
+    else:
+        largest = f"{limit.value:.3g} {unit}".rstrip()
+        sentence = f"Commands above {largest} act as that: the results are those of commands up to there."
+    finding = Finding(limit.kind, sentence)
+    return tuple(replace(f.within(limit), findings=(*f.findings, finding)) for f in known)
 
 
 ABILITIES = motion.Abilities(
@@ -336,7 +340,7 @@ class Vertical(motion.Motion[VerticalFlights]):
             thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
             apparent_gravity=apparent_gravity(problem),
             turned=misspecification.turned(flights),
-            command_rate_limit=min(flight.rate_limit for flight in problem.flights),
+            command_limit=problem.flights[0].command_limit,
             sideways_speed=misspecification.sideways_speed(flights),
             near_ground=verdict.near_ground(
                 flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added

@@ -13,7 +13,7 @@ from eivor.errors import InputError, MissingChannelError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import on_grid
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import PreparedFlight
+from eivor.flights.prepared import CommandLimit, PreparedFlight
 from eivor.inference.covariance import COSINE_AVERAGES, long_run_mean_variance
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.distributions import normal_quantile, t_quantile
@@ -176,7 +176,7 @@ class VerticalFlight:
     surroundings: Ingredients = field(default_factory=dict)  # Radii and voltage
     densities: Mapping[str, float] = field(default_factory=dict)
     prepared: PreparedFlight | None = None  # What it was made of
-    rate_limit: float = math.inf  # That its commands were limited to [1/s]
+    command_limit: CommandLimit | None = None  # What its commands were limited to
 
     @cached_property
     def velocity(self) -> Float[np.ndarray, " n"]:

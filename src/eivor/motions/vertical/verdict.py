@@ -11,7 +11,7 @@ import numpy as np
 from eivor.flights import verdict
 from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.options import ACCELEROMETER_BIAS
-from eivor.flights.prepared import Difference, PreparedFlight
+from eivor.flights.prepared import CommandLimit, Difference, PreparedFlight
 from eivor.flights.quantity import Counts, Quantity
 from eivor.flights.verdict import VerdictInputs
 from eivor.inference.verdict import Cause, Status
@@ -69,7 +69,7 @@ class VerticalChecks(verdict.MotionChecks):
     mean_command: float = 1.0  # Of the rotors, over the command of their mean thrust
     sensitivities: Sensitivities = field(default_factory=dict)
     velocity: Spectrum = NO_SPECTRUM  # As far as the references explain it
-    command_rate_limit: float = math.inf  # [1/s]
+    command_limit: CommandLimit | None = None
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -82,7 +82,7 @@ class VerticalChecks(verdict.MotionChecks):
             **({"near_ground_share": share, "lowest_radii": lowest} if self.near_ground else {}),
             **({} if self.drift is None else self.drift.numbers),
             **self.omitted.numbers,
-            **({"command_rate_limit": self.command_rate_limit} if self.command_rate_limit < math.inf else {}),
+            **(dict([self.command_limit]) if self.command_limit else {}),
         }
 
     @property

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eivor.flights.prepared import LEVEL, RATE
 from eivor.motions.identify import identify_flight
 from eivor.signals.filters import rate_limited
 from validation.real_logs.flights import logged_flight
@@ -28,13 +29,23 @@ def test_limited_values_follow_at_the_limit():
     np.testing.assert_array_equal(both[1][900:], values[900:])
 
 
-def test_a_limited_rate_is_measured_and_taken_out():
-    """Gains were a quarter too small, and lags four times too long."""
+UNLOGGED = [(RATE, {"slew": 1.15}), (LEVEL, {"slew": 0.0, "ceiling": 1.1})]
+
+
+@pytest.mark.parametrize(("kind", "unlogged"), UNLOGGED)
+    ("kind", "unlogged"), [(RATE, {"slew": 1.15}), (LEVEL, {"slew": 0.0, "ceiling": 1.1})]
+)
+def test_a_limit_is_measured_and_commands_enter_within_it(kind, unlogged):
+    """By a limit of their rate gains were a quarter too small, and lags four times too long."""
     spec = replace(published_grid().family("command limited in its rate").flight(42), duration=30.0)
+    vehicle = replace(spec.vehicle, **unlogged)
+    vehicle = replace(vehicle, ceiling=vehicle.ceiling * vehicle.hover_input)
+    spec = replace(spec, vehicle=vehicle)
     flight = logged_flight(spec)
     result = identify_flight(flight.recording)
-    (said,) = (item.message for item in result.findings if item.name == "command_rate_limit")
-    assert spec.vehicle.slew == pytest.approx(float(said.split()[6]), rel=0.1)
+    assert kind in [item.name for item in result.findings]
+    limit = vehicle.slew or vehicle.ceiling
+    assert result.diagnostics[kind] == pytest.approx(limit, rel=0.1)
     truth = flight.flown.effective(result.prepared[0].grid.time_s, result.prepared[0].used)
     for name in ("viscous_friction", "input_gain"):
         low, high = result.quantities[name].interval

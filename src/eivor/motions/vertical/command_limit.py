@@ -1,4 +1,4 @@
-"""Rotors that follow their commands at a limited rate: the limit, and commands as they act."""
+"""Rotors that follow their commands within a limit of rate or level: the limit, and commands as they act."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import scipy.linalg
 import scipy.signal
 
 from eivor.estimation.estimate import Estimate
-from eivor.flights.prepared import PreparedFlight
+from eivor.flights.prepared import LEVEL, RATE, CommandLimit, PreparedFlight
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.regression import VerticalFlight, VerticalFlights, vertical_problem
 from eivor.tools import Float
 
-#: Limits that are tried; and lags [s] whose responses together stand for any dynamics of the actuators.
-LIMITS, LAGS_S = 16, (0.0, 0.008, 0.016, 0.03, 0.06, 0.12, 0.25)
+#: Rates and levels that are tried; and lags [s] whose responses together stand for any linear actuator.
+RATES, LEVELS, LAGS_S = 16, 12, (0.0, 0.008, 0.016, 0.03, 0.06, 0.12, 0.25)
 #: A limit is there when it makes twice the log likelihood so much larger, without the blocks that gain most.
 LEAST_GAIN, OUTLYING = 20.0, 0.1
 #: Samples of a flight that are read, and memory of its residual's autoregression and blocks of it [s].
@@ -35,7 +35,7 @@ def _gains(
     flight: VerticalFlight,
     motion: VerticalMotion,
     prepared: PreparedFlight,
-    limits: Float[np.ndarray, " k"],
+    limits: Sequence[CommandLimit],
 ) -> Float[np.ndarray, "blocks k"]:
     """By how much each limit makes the squared innovations of the force balance smaller than none does.
 
@@ -84,33 +84,38 @@ def _residual(columns: Float[np.ndarray, "n c"]) -> Float[np.ndarray, " n"]:
     return columns[:, 0] - Q @ (Q.T @ columns[:, 0])
 
 
-def command_rate_limit(problem: VerticalFlights) -> float:
-    """The rate [1/s] that commands act at no more than, in all flights; infinite where nothing says so.
+def command_limit(problem: VerticalFlights) -> CommandLimit | None:
+    """The limit of rate or level within which commands act, in all flights; None where nothing says so.
 
-    Noise that feedback passes on to quick commands shows it: references alone move them too slowly.
+    Noise that feedback passes on to quick commands shows a rate: references alone move them too slowly.
     """
     flights = [flight.prepared for flight in problem.flights if not flight.measured]
     prepared = [_longest_run(flight) for flight in flights if flight is not None and flight.issued]
     if len(prepared) < len(problem.flights):
-        return math.inf
-    limits = _limits(prepared)
-    if not limits.size:
-        return math.inf
+        return None
+    found = [_best(problem, prepared, limits) for limits in (_rates(prepared), _levels(prepared)) if limits]
+    gain, limit = max(found, default=(0.0, None), key=lambda item: item[0])
+    return limit if gain >= LEAST_GAIN else None
+
+
+def _best(
+    problem: VerticalFlights, prepared: list[PreparedFlight], limits: list[CommandLimit]
+) -> tuple[float, CommandLimit]:
+    """What the best of some limits of one kind gains, and that limit between its neighbours."""
     pairs = zip(problem.flights, prepared, strict=True)
     gains = np.concatenate([_gains(flight, problem.motion, of, limits) for flight, of in pairs])
     total = gains.sum(axis=0)
     best = int(total.argmax())
     most = np.sort(gains[:, best])[: math.floor((1.0 - OUTLYING) * len(gains))]
-    if most.sum() < LEAST_GAIN:
-        return math.inf
     # the vertex of a parabola through the best and its neighbours
-    low, middle, high = total[np.clip([best - 1, best, best + 1], 0, limits.size - 1)]
+    low, middle, high = total[np.clip([best - 1, best, best + 1], 0, len(limits) - 1)]
     bend = low - 2.0 * middle + high
-    away = 0.5 * (low - high) / bend if 0 < best < limits.size - 1 and bend < 0.0 else 0.0
-    return float(limits[best] * (limits[1] / limits[0]) ** away)
+    away = 0.5 * (low - high) / bend if 0 < best < len(limits) - 1 and bend < 0.0 else 0.0
+    kind, value = limits[best]
+    return float(most.sum()), CommandLimit(kind, float(value * (limits[1].value / limits[0].value) ** away))
 
 
-def _limits(flights: Sequence[PreparedFlight]) -> Float[np.ndarray, " k"]:
+def _rates(flights: Sequence[PreparedFlight]) -> list[CommandLimit]:
     """Rates of commands from half of the rms on the grid to the largest few; none where commands rest."""
     rates, means = [], []
     for flight in flights:
@@ -122,21 +127,26 @@ def _limits(flights: Sequence[PreparedFlight]) -> Float[np.ndarray, " k"]:
     every = np.concatenate(rates)
     every = every[np.isfinite(every) & (every > 0.0)]
     low, high = 0.5 * float(np.sqrt(np.mean(means))), float(np.quantile(every, 0.99)) if every.size else 0.0
-    return np.geomspace(low, high, LIMITS) if 0.0 < low < high else np.zeros(0)
+    return [CommandLimit(RATE, x) for x in np.geomspace(low, high, RATES)] if 0.0 < low < high else []
 
 
-def with_rate_limit(
+def _levels(flights: Sequence[PreparedFlight]) -> list[CommandLimit]:
+    """Levels of commands above most of them, below the largest; none where commands rest."""
+    every = [flight.signals.channel(item.name)[flight.used] for flight in flights for item in flight.issued]
+    low, high = (float(end) for end in np.quantile(np.concatenate(every), (0.6, 1.0)))
+    return [CommandLimit(LEVEL, x) for x in np.geomspace(low, high, LEVELS)[:-1]] if 0.0 < low < high else []
+
+
+def with_command_limit(
     problem: VerticalFlights, estimated: Callable[[VerticalFlights], Estimate]
 ) -> tuple[VerticalFlights, Estimate]:
-    """The problem with commands as they act, where their rate is limited, and its estimate."""
+    """The problem with commands as they act, where these have a limit, and its estimate."""
     estimate = estimated(problem)
-    if any(math.isfinite(flight.rate_limit) for flight in problem.flights):
-        return problem, estimate
-    limit = command_rate_limit(problem)
-    if math.isinf(limit):
+    limit = None if any(flight.command_limit for flight in problem.flights) else command_limit(problem)
+    if limit is None:
         return problem, estimate
     flights = tuple(
-        replace(flight, signals=flight.prepared.acting_at(limit).signals, rate_limit=limit)
+        replace(flight, signals=flight.prepared.within(limit).signals, command_limit=limit)
         for flight in problem.flights
         if flight.prepared is not None
     )
