@@ -33,8 +33,6 @@ UNLOGGED = [(RATE, {"slew": 1.15}), (LEVEL, {"slew": 0.0, "ceiling": 1.1})]
 
 
 @pytest.mark.parametrize(("kind", "unlogged"), UNLOGGED)
-    ("kind", "unlogged"), [(RATE, {"slew": 1.15}), (LEVEL, {"slew": 0.0, "ceiling": 1.1})]
-)
 def test_a_limit_is_measured_and_commands_enter_within_it(kind, unlogged):
     """By a limit of their rate gains were a quarter too small, and lags four times too long."""
     spec = replace(published_grid().family("command limited in its rate").flight(42), duration=30.0)
