@@ -53,8 +53,8 @@ WORDS: Mapping[Any, str] = {
     tuple[int, ...]: "a list of whole numbers",
     tuple[str, ...]: "a list of texts",
 }
-#: Keys that the command line gives, that stand in tables of their own, or that a log has no channel for.
-ELSEWHERE = {"seed", "noise", "angular_rate"}
+#: Keys that the command line gives, or that stand in tables of their own.
+ELSEWHERE = {"seed", "noise"}
 
 
 def parts() -> dict[str, str]:

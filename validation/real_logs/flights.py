@@ -137,7 +137,7 @@ def fly_rotorpy(spec: FlightSpec) -> Flown:
             delay=spec.vehicle.delay,
             gust_rms=spec.vehicle.gust_rms,
             gust_correlation=spec.vehicle.gust_correlation,
-            noise=SensorNoise(NoiseKind.WHITE, *[0.0] * 5),
+            noise=SensorNoise(NoiseKind.WHITE, *[0.0] * 4),
             trajectory=TrajectoryKind(spec.reference.value),
             seed=spec.seed,
             duration=spec.duration,

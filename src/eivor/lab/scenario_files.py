@@ -204,8 +204,7 @@ def flight_from_table(table: TomlTable) -> VerticalFlightSpec:
     table.choose("kind", table.values.get("kind", ""), ("flight",))
     known: dict[str, object] = {"seed": 0}
     if "noise" in table.values:
-        # The log of vertical motion has no angular rates.
-        known["noise"] = built(table.part("noise"), SensorNoise, angular_rate=SensorNoise().angular_rate)
+        known["noise"] = built(table.part("noise"), SensorNoise)
     return built(table, VerticalFlightSpec, "kind", "noise", **known)
 
 

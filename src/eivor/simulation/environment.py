@@ -11,15 +11,12 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from eivor.errors import UsageError
-from eivor.signals.channels import unit_of
 from eivor.signals.noise import fractional_difference, fractional_weights
-from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
+from eivor.signals.recording import Recording
 from eivor.tools import Float
 
 Series = Float[np.ndarray, " n"]
 
-ACCELERATION_ORDER = -0.5
-VELOCITY_ORDER = -0.4
 #: Degrees of freedom of heavy-tailed noise, whose fourth moment is infinite.
 STUDENT_DOF = 4.0
 
@@ -30,6 +27,11 @@ class NoiseKind(StrEnum):
     WHITE = "white"
     HEAVY_TAILED = "heavy-tailed"
     FRACTIONAL = "fractional"
+
+
+#: Sensors with such noise, and those of them whose noise has a distribution and memory: its order.
+SENSORS = ("acceleration", "velocity", "position", "attitude")
+ORDERS = {"acceleration": -0.5, "velocity": -0.4}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,70 +47,30 @@ class SensorNoise:
     velocity: float = 0.03  # Standard deviation of the velocity's error [m/s]
     position: float = 0.01  # Standard deviation of the altitude's error [m]
     attitude: float = 0.002  # Standard deviation of small rotations about the body's axes [rad]
-    angular_rate: float = 0.01  # Standard deviation of the body rates' error [rad/s]
 
     def __post_init__(self) -> None:
-        levels = (self.acceleration, self.velocity, self.position, self.attitude, self.angular_rate)
+        levels = tuple(getattr(self, name) for name in SENSORS)
         if not all(0.0 <= level < np.inf for level in levels):
             raise UsageError("finite noise levels of at least 0", f"{levels}", "Give standard deviations.")
 
+    def errors(
+        self, count: int, axes: int, rng: np.random.Generator
+    ) -> dict[str, Float[np.ndarray, "n axes"]]:
+        """Independent errors of every sensor on every axis, one row for each stamp, in SI units."""
+        return {name: getattr(self, name) * self._unit(name, (count, axes), rng) for name in SENSORS}
 
-@dataclass(frozen=True, slots=True)
-class SensorErrors:
-    """What is added to each measurement, one row for each stamp, in SI units."""
-
-    acceleration: Float[np.ndarray, "n axes"]
-    velocity: Float[np.ndarray, "n axes"]
-    position: Float[np.ndarray, "n axes"]
-    attitude: Float[np.ndarray, "n axes"]
-    angular_rate: Float[np.ndarray, "n axes"]
-
-
-def sensor_errors(noise: SensorNoise, *, count: int, axes: int, rng: np.random.Generator) -> SensorErrors:
-    """Independent errors of every sensor on every axis."""
-    acceleration, velocity = (
-        level * _unit_noise(noise.kind, order, (count, axes), rng)
-        for level, order in ((noise.acceleration, ACCELERATION_ORDER), (noise.velocity, VELOCITY_ORDER))
-    )
-    position, attitude, angular_rate = (
-        level * rng.standard_normal((count, axes))
-        for level in (noise.position, noise.attitude, noise.angular_rate)
-    )
-    return SensorErrors(acceleration, velocity, position, attitude, angular_rate)
-
-
-def _unit_noise(
-    kind: NoiseKind, order: float, shape: tuple[int, int], rng: np.random.Generator
-) -> Float[np.ndarray, "n axes"]:
-    """Independent records of the kind whose variance, averaged along the record, is 1."""
-    if kind is NoiseKind.HEAVY_TAILED:
-        return np.asarray(rng.standard_t(STUDENT_DOF, size=shape) * np.sqrt(1.0 - 2.0 / STUDENT_DOF))
-    white = rng.standard_normal(shape)
-    if kind is NoiseKind.WHITE:
-        return white
-    mean_variance = np.cumsum(fractional_weights(order, shape[0]) ** 2).mean()
-    return np.asarray(fractional_difference(white, order) / np.sqrt(mean_variance))
-
-
-def simulated_recording(
-    name: str, *, simulator: str, time_s: Series, held: Mapping[str, Series], sampled: Mapping[str, Series]
-) -> Recording:
-    """Log of a simulated flight whose rotors' thrust goes with the square of their state."""
-    channels = {
-        key: Channel(
-            key, time_s, values.copy(), unit_of(key), source=simulator, held=key in held, estimated=False
-        )
-        for key, values in (dict(held) | dict(sampled)).items()
-    }
-    rate_hz = (time_s.size - 1) / float(time_s[-1] - time_s[0])
-    return Recording(
-        name=name,
-        format="simulation",
-        channels=channels,
-        frame=Frame.Z_UP,
-        parameters={CONTROLLER_RATE: rate_hz},
-        input_map="square",
-    )
+    def _unit(
+        self, name: str, shape: tuple[int, int], rng: np.random.Generator
+    ) -> Float[np.ndarray, "n axes"]:
+        """Independent records whose variance, averaged along the record, is 1."""
+        kind = self.kind if name in ORDERS else NoiseKind.WHITE
+        if kind is NoiseKind.HEAVY_TAILED:
+            return np.asarray(rng.standard_t(STUDENT_DOF, size=shape) * np.sqrt(1.0 - 2.0 / STUDENT_DOF))
+        white = rng.standard_normal(shape)
+        if kind is NoiseKind.WHITE:
+            return white
+        mean_variance = np.cumsum(fractional_weights(ORDERS[name], shape[0]) ** 2).mean()
+        return np.asarray(fractional_difference(white, ORDERS[name]) / np.sqrt(mean_variance))
 
 
 #: Largest speed [m/s] and acceleration [m/s^2] of an excitation are drawn from these ranges.
@@ -161,10 +123,9 @@ def altitude_reference(
 
 
 def _steps(time: Series, step_s: float, rng: np.random.Generator) -> Series:
-    """Random levels, held 1.5 to 4 s each, through four equal first-order lags."""
+    """Random levels, held 1.5 to 4 s each."""
     starts = np.cumsum(rng.uniform(1.5, 4.0, size=int(time[-1] / 1.5) + 2))
-    levels = rng.uniform(-2.0, 2.0, size=starts.size + 1)
-    return _smoothed_levels(time, starts, levels, np.exp(-step_s / rng.uniform(0.25, 0.45)))
+    return _smoothed_levels(time, step_s, starts, rng.uniform(-2.0, 2.0, size=starts.size + 1), rng)
 
 
 def _hover_steps(time: Series, step_s: float, rng: np.random.Generator) -> Series:
@@ -172,16 +133,21 @@ def _hover_steps(time: Series, step_s: float, rng: np.random.Generator) -> Serie
     starts = np.cumsum(rng.uniform(2.0, 6.0, size=int(time[-1] / 2.0) + 2))
     # Alternately away from the middle and back to it, so that every step has the same height.
     away = rng.choice([-SMALL_STEP_M, SMALL_STEP_M], size=starts.size + 1)
-    levels = np.where(np.arange(away.size) % 2 == 1, away, 0.0)
-    return _smoothed_levels(time, starts, levels, np.exp(-step_s / rng.uniform(0.25, 0.45)))
+    away[::2] = 0.0
+    return _smoothed_levels(time, step_s, starts, away, rng)
 
 
 def _smoothed_levels(
-    time: Series, starts: Float[np.ndarray, " m"], levels: Float[np.ndarray, " levels"], decay: float
+    time: Series,
+    step_s: float,
+    starts: Float[np.ndarray, " m"],
+    levels: Float[np.ndarray, " levels"],
+    rng: np.random.Generator,
 ) -> Series:
     """Levels from their starts on, the first one zero, through four equal first-order lags."""
     from scipy.signal import lfilter
 
+    decay = np.exp(-step_s / rng.uniform(0.25, 0.45))
     levels[0] = 0.0
     series: Series = levels[np.searchsorted(starts, time, side="right")]
     for _ in range(4):

@@ -11,8 +11,9 @@ import numpy as np
 from eivor import checks
 from eivor.errors import ParameterError, UsageError
 from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.filters import actuator_state
-from eivor.signals.recording import Recording
+from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
 from eivor.simulation.controller import DelayLine
 from eivor.simulation.environment import (
     KnownLog,
@@ -22,8 +23,6 @@ from eivor.simulation.environment import (
     altitude_reference,
     gusts,
     known_log,
-    sensor_errors,
-    simulated_recording,
 )
 from eivor.tools import Float
 
@@ -257,18 +256,11 @@ def _surroundings(spec: VerticalFlightSpec) -> tuple[VerticalEnvironment, Sample
         )
     )
     smooth = actuator_state(angles, step_s=STEP_S, lag_s=TILT_SMOOTHING_S, delay_s=0.0)
-    errors = sensor_errors(spec.noise, count=count, axes=2, rng=sensors)
-    environment = VerticalEnvironment(
-        reference.position,
-        reference.velocity,
-        reference.acceleration,
-        wind[:, 0],
-        np.cos(smooth).prod(axis=1),
-        errors.position[:, 0],
-        errors.velocity[:, 0],
-        errors.acceleration[:, 0],
-    )
-    return environment, np.cos(smooth + errors.attitude).prod(axis=1)
+    errors = spec.noise.errors(count, 2, sensors)
+    noises = (errors[name][:, 0] for name in ("position", "velocity", "acceleration"))
+    references = (reference.position, reference.velocity, reference.acceleration)
+    met = [*references, wind[:, 0], np.cos(smooth).prod(axis=1), *noises]
+    return VerticalEnvironment(*met), np.cos(smooth + errors["attitude"]).prod(axis=1)
 
 
 def together(kind: type[Parts], each: Sequence[object], names: Sequence[str] = ()) -> Parts:
@@ -308,23 +300,31 @@ def vertical_recording(
     bias: float = 0.0,
 ) -> Recording:
     """Log of one of several flights; without a tilt as measured that of the environment."""
-    references = ("reference_position", "reference_velocity", "reference_acceleration")
     force = motion.specific_force[:, number] + environment.acceleration_noise[:, number]
-    return simulated_recording(
-        name,
-        simulator=simulator,
-        time_s=STEP_S * np.arange(force.size),
-        held={
-            "rotor_command_1": motion.command[:, number],
-            **{f"{item}_z": getattr(environment, item)[:, number] for item in references},
-        },
-        sampled={
-            "position_z": motion.position[:, number] + environment.position_noise[:, number],
-            "velocity_z": motion.velocity[:, number] + environment.velocity_noise[:, number],
-            "specific_force_z": force + bias,
-            "cos_tilt": environment.cos_tilt[:, number] if cos_tilt is None else cos_tilt,
-        },
-    )
+    references = ("reference_position", "reference_velocity", "reference_acceleration")
+    series = {
+        "rotor_command_1": motion.command[:, number],
+        **{f"{item}_z": getattr(environment, item)[:, number] for item in references},
+        "position_z": motion.position[:, number] + environment.position_noise[:, number],
+        "velocity_z": motion.velocity[:, number] + environment.velocity_noise[:, number],
+        "specific_force_z": force + bias,
+        "cos_tilt": environment.cos_tilt[:, number] if cos_tilt is None else cos_tilt,
+    }
+    time_s = STEP_S * np.arange(force.size)
+    channels = {
+        key: Channel(
+            key,
+            time_s,
+            values.copy(),
+            unit_of(key),
+            source=simulator,
+            held=held_by_default(key),
+            estimated=False,
+        )
+        for key, values in series.items()
+    }
+    parameters = {CONTROLLER_RATE: 1.0 / STEP_S}
+    return Recording(name, "simulation", channels, Frame.Z_UP, parameters=parameters, input_map="square")
 
 
 def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
