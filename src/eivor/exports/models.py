@@ -66,23 +66,29 @@ def state_space(fitted: Fitted, supplied: Supplied, speed_m_s: float = 0.0) -> S
         return _of_rates(fitted, supplied)
     if fitted.machine is not None:
         return _at_rest(_MachineEquations.of(fitted.machine, fitted, supplied, "a state space"))
-    fitted.check_vertical("a state space")
-    names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
-    numbers = fitted.needed(names, supplied, "a state space")
+    numbers = _of_vertical(fitted, supplied, "a state space")
     friction, gain, hover = (numbers[name].value for name in NEEDED)
     lag, delay = (numbers[name].value if name in numbers else 0.0 for name in LAGS)
     slope = gain * fitted.input_map.slope(hover)
-    inputs, outputs, D = (fitted.input,), ("velocity_z",), np.zeros((1, 1))
+    A, B, states = np.array([[-friction]]), np.array([[slope]]), ("velocity_z",)
     if lag > 0.0:
         A, B = np.array([[-1.0 / lag, 0.0], [slope, -friction]]), np.array([[1.0 / lag], [0.0]])
-        states = ("actuator", "velocity_z")
-        return StateSpace(A, B, np.array([[0.0, 1.0]]), D, states, inputs, outputs, delay, numbers)
-    A, B = np.array([[-friction]]), np.array([[slope]])
-    return StateSpace(A, B, np.ones((1, 1)), D, ("velocity_z",), inputs, outputs, delay, numbers)
+        states = ("actuator", *states)
+    C, outputs = np.eye(1, len(states), len(states) - 1), ("velocity_z",)
+    return StateSpace(A, B, C, np.zeros((1, 1)), states, (fitted.input,), outputs, delay, numbers)
+
+
+def _of_vertical(fitted: Fitted, supplied: Supplied, target: str) -> dict[str, Number]:
+    """Numbers of the vertical motion; an input that was measured has no lag."""
+    fitted.check_vertical(target)
+    supplied.check_only((*NEEDED, *LAGS), target, body=False)
+    return fitted.needed(NEEDED if fitted.input_measured else (*NEEDED, *LAGS), supplied, target)
 
 
 def _of_rates(fitted: Fitted, supplied: Supplied) -> StateSpace:
     """Rates by torque setpoints: each axis has a state of its actuators and one of its rate."""
+    priors = (*LAGS, *(f"{axis}_{kind}" for axis in TURNING for kind in KINDS))
+    supplied.check_only(priors, "a state space", body=False)
     axes = [axis for axis in TURNING if fitted.is_identified(f"{axis}_effectiveness")]
     if not axes:
         fitted.needed([f"{axis}_effectiveness" for axis in TURNING], supplied, "a state space")
@@ -302,11 +308,6 @@ def _document(comments: Iterable[str], made: StateSpace, **parts: object) -> str
 
 def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
     if fitted.model != vehicle.RIGID_BODY:
-        if fitted.machine is None:
-            needed = (
-                [f"{axis}_{kind}" for axis in TURNING for kind in KINDS] if fitted.model == RATES else NEEDED
-            )
-            supplied.check_only((*needed, *LAGS), "statespace", body=False)
         return _lesser_document(fitted, state_space(fitted, supplied))
     made = vehicle.describe(fitted, supplied, "a state space", vehicle.BODY)
     hover, forward = linearised(made), linearised(made, FORWARD_M_S)
@@ -375,10 +376,7 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         comments = hash_comments((*fitted.origin(equations.numbers), remark))
         sizes = len(states), len(equations.inputs)
         return vehicle.filled("casadi.txt", None, comments, machine=equations.formulas(), sizes=sizes)
-    fitted.check_vertical("CasADi")
-    supplied.check_only((*NEEDED, *LAGS), "casadi", body=False)
-    names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
-    known = fitted.needed(names, supplied, "CasADi")
+    known = _of_vertical(fitted, supplied, "CasADi")
     drag = fitted.identified_number("quadratic_drag")
     if drag is not None:
         known["quadratic_drag"] = drag

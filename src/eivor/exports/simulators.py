@@ -80,9 +80,8 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     if "rotor_inertia" in value:
         disc = SLOWDOWN * value["rotor_inertia"] * np.diag([0.5, 0.5, 1.0])
     # the body without its rotors, about its own centre of mass
-    height = value.get(vehicle.HEIGHT, 0.0)
-    at = np.pad(vehicle.places(made)[0], ((0, 0), (0, 1)), constant_values=height)
-    whole = np.array([*(value.get(name, 0.0) for name in vehicle.CENTRE), -height])
+    at = _high(made)[0]
+    whole = np.array([*(value.get(name, 0.0) for name in vehicle.CENTRE), -value.get(vehicle.HEIGHT, 0.0)])
     centre = 0.0 - each * at.sum(axis=0) / rest
     inertia = np.diag([value[name] for name in vehicle.INERTIAS]) - rest * _of_point(centre)
     inertia -= sum(disc + each * _of_point(point) for point in at)
@@ -428,10 +427,7 @@ def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription,
         text = f"SITL has no such curve: it is as at hover, with {most:.3g} times the thrust at full command."
         made = replace(made, lost=(*made.lost, text), comments=(*made.comments, text))
     hover = vehicle.manoeuvre(made, 0.0)[0] / vehicle.rotors_of(made)["hover_speed"]
-    linear, quadratic = (
-        vehicle.alike(value, "other_than_x"),
-        vehicle.alike(value, "quadratic_other"),
-    )
+    linear, quadratic = (vehicle.alike(value, name) for name in ("other_than_x", "quadratic_other"))
     disc = count * math.pi * (made.vehicle.rotor_radius or 0.25 * diagonal) ** 2
     push, tilted = weight * math.tan(SITL_TILT), linear * math.cos(SITL_TILT) ** 1.5
     steady = max(tilted + math.sqrt(tilted**2 + 4.0 * quadratic * push), 2.0 * push / SITL_FASTEST)
