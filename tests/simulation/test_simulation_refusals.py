@@ -86,7 +86,7 @@ SPECIFICATIONS = rows("specification", UsageError,
     ({"delay": 0.005}, "a multiple of 0.002"),
     ({"quickness": 2.0}, "quickness between"),
     ({"duration": 1.0}, "duration between"),
-    ({"noise": {"velocity": -0.1}}, "finite noise levels"),
+    ({"noise": {"velocity": -0.1}}, "a finite velocity of zero or more"),
 )  # fmt: skip
 NAMES = calls("name", UsageError,
     (lambda: list(simulate_vertical_flights([QUIET, replace(QUIET, duration=9.0)])),

@@ -28,14 +28,12 @@ from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors
 from eivor.motions.rigid_body.vehicle import Vehicle as RigidBody
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import (
-    SensorErrors,
     SensorNoise,
     SimulatedFlight,
     Trajectory,
     TrajectoryKind,
     altitude_reference,
     gusts,
-    sensor_errors,
     simulated_recording,
 )
 from validation.effective_parameters import FlightTruth
@@ -152,9 +150,11 @@ def flat_output(reference: Trajectory, k: int) -> dict[str, Any]:
     }
 
 
-def measured(state: Mapping[str, Float[np.ndarray, " _"]], errors: SensorErrors, k: int) -> dict[str, Any]:
+def measured(
+    state: Mapping[str, Float[np.ndarray, " _"]], errors: dict[str, Float[np.ndarray, "n 3"]], k: int
+) -> dict[str, Any]:
     x, y, z, w = state["q"]
-    a, b, c = 0.5 * errors.attitude[k]
+    a, b, c = 0.5 * errors["attitude"][k]
     # q multiplied from the right by the small rotation [a, b, c, 1], first order in the angles.
     turned = np.array(
         [
@@ -165,10 +165,10 @@ def measured(state: Mapping[str, Float[np.ndarray, " _"]], errors: SensorErrors,
         ]
     )
     return {
-        "x": state["x"] + errors.position[k],
-        "v": state["v"] + errors.velocity[k],
+        "x": state["x"] + errors["position"][k],
+        "v": state["v"] + errors["velocity"][k],
         "q": turned / np.sqrt(turned @ turned),
-        "w": state["w"] + errors.angular_rate[k],
+        "w": state["w"] + errors["angular_rate"][k],
     }
 
 
@@ -190,6 +190,7 @@ class RotorpyFlightSpec:
     gust_rms: float = 0.0  # Standard deviation of the wind on each of the three axes [m/s]
     gust_correlation: float = 1.0  # Correlation time of the wind, an Ornstein-Uhlenbeck process [s]
     noise: SensorNoise = field(default_factory=SensorNoise)  # Levels and kind
+    rate_noise: float = 0.01  # Standard deviation of the body rates' error [rad/s]
     trajectory: TrajectoryKind = TrajectoryKind.MULTISINE  # The altitude reference
     # Reference, wind and noise have streams of their own, so that a change of the noise's kind leaves
     # trajectory and wind as they were
@@ -221,7 +222,8 @@ def simulate_rotorpy_flight(
             correlation_s=spec.gust_correlation,
             rng=air,
         ),
-        errors=sensor_errors(spec.noise, count=spec.count, axes=3, rng=sensors),
+        errors=spec.noise.errors(spec.count, 3, sensors)
+        | {"angular_rate": spec.rate_noise * sensors.standard_normal((spec.count, 3))},
     )
     log, flew = _fly(spec, parts, vertical_gains)
     truth = _truth(spec, parts, log)
@@ -235,7 +237,7 @@ class _Parts:
     parameters: dict[str, Any]
     reference: Trajectory
     wind: Float[np.ndarray, "n 3"]
-    errors: SensorErrors
+    errors: dict[str, Float[np.ndarray, "n 3"]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,20 +311,18 @@ def _recording(spec: RotorpyFlightSpec, parts: _Parts, log: _Log) -> Recording:
     count = log.position.shape[0]
     errors, reference, gravity = parts.errors, parts.reference, np.array([0.0, 0.0, GRAVITY])
     force = Rotation.from_quat(log.attitude).apply(log.acceleration + gravity, inverse=True)
-    force = force + errors.acceleration[:count]
+    force = force + errors["acceleration"][:count]
     return simulated_recording(
         f"rotorpy {spec.vehicle}, {spec.trajectory}, seed {spec.seed}",
-        simulator="rotorpy",
-        time_s=STEP_S * np.arange(count),
-        held={
+        "rotorpy",
+        STEP_S * np.arange(count),
+        {
             **{f"rotor_command_{i + 1}": log.command[:, i] for i in range(log.command.shape[1])},
             "reference_position_z": reference.position[:count],
             "reference_velocity_z": reference.velocity[:count],
             "reference_acceleration_z": reference.acceleration[:count],
-        },
-        sampled={
-            "position_z": log.position[:, 2] + errors.position[:count, 2],
-            "velocity_z": log.velocity[:, 2] + errors.velocity[:count, 2],
+            "position_z": log.position[:, 2] + errors["position"][:count, 2],
+            "velocity_z": log.velocity[:, 2] + errors["velocity"][:count, 2],
             **{f"attitude_{axis}": log.seen_attitude[:, i] for i, axis in enumerate("xyzw")},
             **{f"specific_force_body_{axis}": force[:, i] for i, axis in enumerate("xyz")},
         },

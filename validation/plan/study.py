@@ -34,7 +34,6 @@ from eivor.simulation.environment import (
     TrajectoryKind,
     altitude_reference,
     gusts,
-    sensor_errors,
 )
 from eivor.simulation.vertical import (
     AltitudeController,
@@ -90,16 +89,16 @@ class OwnVehicle:
         gust = gusts(count=count, axes=1, step_s=STEP_S, rms=GUST_RMS, correlation_s=1.0, rng=air)
         angles = gusts(count=count, axes=2, step_s=STEP_S, rms=0.05, correlation_s=1.0, rng=attitude)
         tilt = np.cos(actuator_state(angles, step_s=STEP_S, lag_s=0.15, delay_s=0.0)).prod(axis=1)
-        errors = sensor_errors(SensorNoise(), count=count, axes=1, rng=sensors)
+        errors = SensorNoise().errors(count, 1, sensors)
         environment = VerticalEnvironment(
             reference.position[:, None],
             reference.velocity[:, None],
             reference.acceleration[:, None],
             gust,
             tilt[:, None],
-            errors.position,
-            errors.velocity,
-            errors.acceleration,
+            errors["position"],
+            errors["velocity"],
+            errors["acceleration"],
         )
         vehicles = VerticalVehicles(
             *(np.array([value]) for value in (self.friction, GRAVITY / self.hover_input**2, self.lag_s, 0.0))

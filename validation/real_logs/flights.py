@@ -15,11 +15,9 @@ from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel, Frame, Recording, clean_channel
 from eivor.simulation.environment import (
     NoiseKind,
-    SensorErrors,
     SensorNoise,
     Trajectory,
     TrajectoryKind,
-    sensor_errors,
 )
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 from validation.real_logs.closed_loop import STEP_S, FlightSpec, Flown, Jitter, fly_own, stream
@@ -138,6 +136,7 @@ def fly_rotorpy(spec: FlightSpec) -> Flown:
             gust_rms=spec.vehicle.gust_rms,
             gust_correlation=spec.vehicle.gust_correlation,
             noise=SensorNoise(NoiseKind.WHITE, *[0.0] * 4),
+            rate_noise=0.0,
             trajectory=TrajectoryKind(spec.reference.value),
             seed=spec.seed,
             duration=spec.duration,
@@ -171,8 +170,8 @@ class Topics:
     """Clocks of a log, and the errors of its sensors at their samples."""
 
     clocks: Mapping[str, Clock]  # Of command, reference, velocity, acceleration, attitude
-    slow: SensorErrors  # Errors of position and velocity, and of the accelerometer
-    quick: SensorErrors
+    slow: dict[str, Float[np.ndarray, "n 3"]]  # Errors of position and velocity, and of the accelerometer
+    quick: dict[str, Float[np.ndarray, "n 3"]]
     attitude: Float[np.ndarray, "n 3"]  # Small rotations of the attitude [rad]
 
     def seen(self, spec: FlightSpec) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
@@ -180,7 +179,7 @@ class Topics:
         time = STEP_S * np.arange(spec.steps)
         latest = np.searchsorted(self.clocks["velocity"].instants, time, side="right") - 1
         index = np.maximum(latest, 0)
-        return self.slow.position[index, 2], self.slow.velocity[index, 2]
+        return self.slow["position"][index, 2], self.slow["velocity"][index, 2]
 
 
 def topics(spec: FlightSpec) -> Topics:
@@ -192,11 +191,11 @@ def topics(spec: FlightSpec) -> Topics:
     }
     clocks["command"] = command_clock(spec, stream(spec, "clock command"))
 
-    def errors(name: str) -> SensorErrors:
+    def errors(name: str) -> dict[str, Float[np.ndarray, "n 3"]]:
         count = clocks[name].instants.size
-        return sensor_errors(logger.noise, count=count, axes=3, rng=stream(spec, f"errors {name}"))
+        return logger.noise.errors(count, 3, stream(spec, f"errors {name}"))
 
-    return Topics(clocks, errors("velocity"), errors("acceleration"), errors("attitude").attitude)
+    return Topics(clocks, errors("velocity"), errors("acceleration"), errors("attitude")["attitude"])
 
 
 def log_of(spec: FlightSpec, flight: Flown, record: Topics) -> Recording:
@@ -241,12 +240,13 @@ def _velocities(flight: Flown, record: Topics, written: Writer) -> list[Channel]
     late = {"delay": logger.velocity_delay, "filtered": logger.velocity_filter}
     scale = logger.velocity_scale
     values = {
-        "position_z": _read(flight, flight.position, clock.instants, **late) + errors.position[:, 2],
-        "velocity_z": scale * _read(flight, flight.velocity, clock.instants, **late) + errors.velocity[:, 2],
+        "position_z": _read(flight, flight.position, clock.instants, **late) + errors["position"][:, 2],
+        "velocity_z": scale * _read(flight, flight.velocity, clock.instants, **late)
+        + errors["velocity"][:, 2],
     }
     if flight.horizontal is not None:
         along = scale * _read(flight, flight.horizontal, clock.instants, **late)
-        values |= {"velocity_x": along + errors.velocity[:, 0], "velocity_y": errors.velocity[:, 1]}
+        values |= {"velocity_x": along + errors["velocity"][:, 0], "velocity_y": errors["velocity"][:, 1]}
     return written.channels(clock, values)
 
 
@@ -255,7 +255,9 @@ def _forces(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
     late = {"delay": logger.acceleration_delay, "filtered": logger.acceleration_filter}
     read = np.stack([_read(flight, axis, clock.instants, **late) for axis in flight.force_body.T], axis=1)
     measured = (
-        logger.acceleration_scale * read + record.quick.acceleration + [0.0, 0.0, logger.accelerometer_bias]
+        logger.acceleration_scale * read
+        + record.quick["acceleration"]
+        + [0.0, 0.0, logger.accelerometer_bias]
     )
     values = zip("xyz", measured.T, strict=True)
     return written.channels(clock, {f"specific_force_body_{axis}": item for axis, item in values})
@@ -278,14 +280,14 @@ def _attitude(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
 def _estimates(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
     """Height, velocity and acceleration as an estimator of the vehicle's state makes them."""
     clock, logger = record.clocks["velocity"], written.spec.logger
-    noise = record.quick.acceleration[:, 2]
+    noise = record.quick["acceleration"][:, 2]
     latest = np.searchsorted(record.clocks["acceleration"].instants, clock.instants)
     force = _read(flight, flight.truth.specific_force_z, clock.instants)
     force = force + noise[np.minimum(latest, noise.size - 1)] + logger.accelerometer_bias
     fused = _read(flight, flight.velocity, clock.instants, delay=logger.fused_late)
-    fused = fused + record.slow.velocity[:, 2]
+    fused = fused + record.slow["velocity"][:, 2]
     velocity, acceleration = estimated(clock.instants, force - GRAVITY, fused, bias_time=logger.bias_time)
-    height = _read(flight, flight.position, clock.instants) + record.slow.position[:, 2]
+    height = _read(flight, flight.position, clock.instants) + record.slow["position"][:, 2]
     values = {"position_z": height, "velocity_z": velocity, "acceleration_z": acceleration}
     return written.channels(clock, values, "estimator")
 

@@ -141,9 +141,12 @@ def logged_flight(vehicle: str, seed: int, seconds: float, noise: Sequence[float
     commands = {f"rotor_command_{number}": series for number, series in enumerate(log[:rotors], start=1)}
     recording = simulated_recording(
         f"RotorPy, seed {seed}",
-        simulator="rotorpy",
-        time_s=step_s * np.arange(0, count, every),
-        held=commands | dict(zip(HELD, references.T, strict=True)),
-        sampled=dict(zip(SAMPLED, log[rotors:], strict=True)),
+        "rotorpy",
+        step_s * np.arange(0, count, every),
+        {
+            **commands,
+            **dict(zip(HELD, references.T, strict=True)),
+            **dict(zip(SAMPLED, log[rotors:], strict=True)),
+        },
     )
     return replace(recording, parameters={})  # an autopilot's log does not say how fast its loop is

@@ -70,7 +70,8 @@ def state_space(fitted: Fitted, supplied: Supplied, speed_m_s: float = 0.0) -> S
     friction, gain, hover = (numbers[name].value for name in NEEDED)
     lag, delay = (numbers[name].value if name in numbers else 0.0 for name in LAGS)
     slope = gain * fitted.input_map.slope(hover)
-    A, B, states = np.array([[-friction]]), np.array([[slope]]), ("velocity_z",)
+    states: tuple[str, ...] = ("velocity_z",)
+    A, B = np.array([[-friction]]), np.array([[slope]])
     if lag > 0.0:
         A, B = np.array([[-1.0 / lag, 0.0], [slope, -friction]]), np.array([[1.0 / lag], [0.0]])
         states = ("actuator", *states)

@@ -297,7 +297,7 @@ class Sensor:
 
     # Of the readings, before the filter
     noise: MeasurementNoise = field(default_factory=lambda: WhiteNoise(0.0))
-    bias: float = 0.0  # Constant error, in the unit of the quantity
+    bias: Annotated[float, checks.finite] = 0.0  # Constant error, in the unit of the quantity
     rate_hz: Annotated[float, (0.0, 1e5)] = 0.0  # At which it is logged [Hz]; every reading where zero
     # Of the filter, a low-pass of the second order with Butterworth's damping [Hz]; none where zero
     cutoff_hz: Annotated[float, (0.0, 1e5)] = 0.0
@@ -308,8 +308,6 @@ class Sensor:
 
     def __post_init__(self) -> None:
         checks.in_ranges(self, "Correct the sensor.")
-        if not np.isfinite(self.bias):
-            raise ParameterError("a finite bias", f"{self.bias}", "Correct the sensor.")
 
     @property
     def lateness_s(self) -> float:

@@ -6,13 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import version
-from typing import Generic, TypeVar
+from typing import Annotated, Generic, TypeVar
 
 import numpy as np
 
-from eivor.errors import UsageError
+from eivor import checks
+from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.noise import fractional_difference, fractional_weights
-from eivor.signals.recording import Recording
+from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
 from eivor.tools import Float
 
 Series = Float[np.ndarray, " n"]
@@ -43,15 +44,15 @@ class SensorNoise:
     """
 
     kind: NoiseKind = NoiseKind.WHITE  # Of acceleration and velocity
-    acceleration: float = 0.4  # Standard deviation of the specific force's error [m/s^2]
-    velocity: float = 0.03  # Standard deviation of the velocity's error [m/s]
-    position: float = 0.01  # Standard deviation of the altitude's error [m]
-    attitude: float = 0.002  # Standard deviation of small rotations about the body's axes [rad]
+    # Standard deviation of the specific force's error [m/s^2]
+    acceleration: Annotated[float, checks.non_negative] = 0.4
+    velocity: Annotated[float, checks.non_negative] = 0.03  # Standard deviation of the velocity's error [m/s]
+    position: Annotated[float, checks.non_negative] = 0.01  # Standard deviation of the altitude's error [m]
+    # Standard deviation of small rotations about the body's axes [rad]
+    attitude: Annotated[float, checks.non_negative] = 0.002
 
     def __post_init__(self) -> None:
-        levels = tuple(getattr(self, name) for name in SENSORS)
-        if not all(0.0 <= level < np.inf for level in levels):
-            raise UsageError("finite noise levels of at least 0", f"{levels}", "Give standard deviations.")
+        checks.in_ranges(self, "Give standard deviations.")
 
     def errors(
         self, count: int, axes: int, rng: np.random.Generator
@@ -71,6 +72,24 @@ class SensorNoise:
             return white
         mean_variance = np.cumsum(fractional_weights(ORDERS[name], shape[0]) ** 2).mean()
         return np.asarray(fractional_difference(white, ORDERS[name]) / np.sqrt(mean_variance))
+
+
+def simulated_recording(name: str, simulator: str, time_s: Series, series: Mapping[str, Series]) -> Recording:
+    """Log of a simulated flight whose rotors' thrust goes with the square of their state."""
+    channels = {
+        key: Channel(
+            key,
+            time_s,
+            values.copy(),
+            unit_of(key),
+            source=simulator,
+            held=held_by_default(key),
+            estimated=False,
+        )
+        for key, values in series.items()
+    }
+    parameters = {CONTROLLER_RATE: (time_s.size - 1) / float(time_s[-1] - time_s[0])}
+    return Recording(name, "simulation", channels, Frame.Z_UP, parameters=parameters, input_map="square")
 
 
 #: Largest speed [m/s] and acceleration [m/s^2] of an excitation are drawn from these ranges.

@@ -11,9 +11,8 @@ import numpy as np
 from eivor import checks
 from eivor.errors import ParameterError, UsageError
 from eivor.motions.vertical.model import GRAVITY
-from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.filters import actuator_state
-from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
+from eivor.signals.recording import Recording
 from eivor.simulation.controller import DelayLine
 from eivor.simulation.environment import (
     KnownLog,
@@ -23,6 +22,7 @@ from eivor.simulation.environment import (
     altitude_reference,
     gusts,
     known_log,
+    simulated_recording,
 )
 from eivor.tools import Float
 
@@ -310,21 +310,7 @@ def vertical_recording(
         "specific_force_z": force + bias,
         "cos_tilt": environment.cos_tilt[:, number] if cos_tilt is None else cos_tilt,
     }
-    time_s = STEP_S * np.arange(force.size)
-    channels = {
-        key: Channel(
-            key,
-            time_s,
-            values.copy(),
-            unit_of(key),
-            source=simulator,
-            held=held_by_default(key),
-            estimated=False,
-        )
-        for key, values in series.items()
-    }
-    parameters = {CONTROLLER_RATE: 1.0 / STEP_S}
-    return Recording(name, "simulation", channels, Frame.Z_UP, parameters=parameters, input_map="square")
+    return simulated_recording(name, simulator, STEP_S * np.arange(force.size), series)
 
 
 def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
