@@ -191,13 +191,6 @@ class Fitted:
             return None
         return Number(self.quantities[name].value, self.quantities[name].interval, self.source(name))
 
-    def reason(self, name: str) -> str:
-        """Verdict and reasons of a quantity that is not written."""
-        item = self.quantities.get(name)
-        if item is None:
-            return "not estimated."
-        return f"{item.verdict.value}. {' '.join(reason.sentence for reason in item.reasons)}".rstrip()
-
     def left_over(self, target: str, names: Collection[str]) -> Iterator[str]:
         """Sentences about what is identified and a target has no place for."""
         for name in self.quantities:

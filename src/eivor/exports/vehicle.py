@@ -246,15 +246,16 @@ Missing = Mapping[str, tuple[str, ...] | str]
 
 
 def _not_written(fitted: Fitted, missing: Missing) -> tuple[str, ...]:
-    shared: dict[str, tuple[list[str], list[str]]] = {}
+    shared: dict[object, tuple[list[str], dict[str, None]]] = {}
     for name, why in missing.items():
-        roots = [] if isinstance(why, str) else list(why)
-        reasons = " ".join(dict.fromkeys(map(fitted.reason, roots))) if roots else str(why)
-        names, together = shared.setdefault(reasons, ([], []))
+        roots = () if isinstance(why, str) else why
+        items = [fitted.quantities.get(root) for root in roots]
+        reasons = dict.fromkeys((item.verdict, item.reasons) if item else None for item in items)
+        names, together = shared.setdefault(tuple(reasons) if roots else why, ([], {}))
         names.append(name)
-        together.extend(roots)
+        together |= dict.fromkeys(roots)
     return tuple(
-        f"{listed(names)} not written: {fitted.why_not(*dict.fromkeys(roots)) or reasons}"
+        f"{listed(names)} not written: {fitted.why_not(*roots) if roots else reasons}"
         for reasons, (names, roots) in shared.items()
     )
 

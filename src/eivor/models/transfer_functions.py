@@ -459,9 +459,8 @@ def _independent(response: FrequencyResponse, band_hz: tuple[float, float]) -> t
         resolution, grid = 1.0 / longest, []
         f = max(band_hz[0], (LEAST_BINS + 1) * resolution)
         top = min(band_hz[1], 0.4 * response.rate_hz)
-        while f + max(LEAST_BINS * resolution, SHARE * f) <= top * (1.0 + SHARE):
+        while f + (half := max(LEAST_BINS * resolution, SHARE * f)) <= top * (1.0 + SHARE):
             grid.append(round(f * longest) * resolution)
-            half = max(LEAST_BINS * resolution, SHARE * f)
             f = max((f + half + resolution) / (1.0 - SHARE), f + half + (LEAST_BINS + 1) * resolution)
         raw = local_polynomials(
             response.runs,
@@ -573,15 +572,10 @@ class Controller:
 
     def autopilot_parameters(self, axis: str) -> dict[str, dict[str, float]]:
         """Parameters of PX4 and ArduPilot for torque setpoints from -1 to 1; a proposal to be tried."""
-        integral = self.proportional / self.integral_s
-        px4, ardupilot = f"MC_{axis.upper()}RATE_", f"ATC_RAT_{ARDUPILOT_AXES[axis]}_"
+        gains = {"P": self.proportional, "I": self.proportional / self.integral_s, "D": 0.0}
         return {
-            "px4": {f"{px4}K": 1.0, f"{px4}P": self.proportional, f"{px4}I": integral, f"{px4}D": 0.0},
-            "ardupilot": {
-                f"{ardupilot}P": self.proportional,
-                f"{ardupilot}I": integral,
-                f"{ardupilot}D": 0.0,
-            },
+            "px4": {f"MC_{axis.upper()}RATE_{name}": value for name, value in ({"K": 1.0} | gains).items()},
+            "ardupilot": {f"ATC_RAT_{ARDUPILOT_AXES[axis]}_{name}": value for name, value in gains.items()},
         }
 
 

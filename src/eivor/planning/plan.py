@@ -35,6 +35,8 @@ from eivor.planning.vehicle import (
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
 from eivor.simulation.vertical import (
+    TILT_CORRELATION_S,
+    TILT_SMOOTHING_S,
     AltitudeController,
     VerticalEnvironment,
     VerticalVehicles,
@@ -46,8 +48,6 @@ from eivor.tools import Float
 
 #: Error of a logged height [m].
 POSITION_NOISE = 0.01
-#: Roll and pitch wander with this correlation time, and are smooth over the second one [s].
-TILT_CORRELATION_S, TILT_SMOOTHING_S = 1.0, 0.15
 
 
 @dataclass(frozen=True)
@@ -279,7 +279,6 @@ def make_plan(
     seed: int = 0,
 ) -> FlightPlan:
     """Choose a flight for the smallest interval of what is asked."""
-    checks.kind("vehicle", vehicle, VehicleGuess, "a VehicleGuess", "Give ev.VehicleGuess(hover_input=0.5).")
     limits = FlightLimits() if limits is None else limits
     checks.kind("limits", limits, FlightLimits, "FlightLimits", "Give ev.FlightLimits(), or nothing.")
     checks.text("target", target)

@@ -377,19 +377,20 @@ def _shared(models: TransferFunctions) -> Any:
 
 def _controllers(item: LogResponse) -> tuple[Any, ...]:
     rows, bullets = [], []
-    margins = {"crossover_hz": 2, "phase_margin_deg": 0, "gain_margin_db": 1}  # Decimals of each
+    margins = {name: LOOP[name] for name in ("crossover_hz", "phase_margin_deg", "gain_margin_db")}
     for controller in item.controllers:
         cells = (
             f"{getattr(controller.margins, name):.{decimals}f} ({_ends(controller.intervals[name])})"
-            for name, decimals in margins.items()
+            for name, (_, decimals) in margins.items()
         )
         gains = f"{controller.proportional:.3g}", f"{controller.integral_s:.2f}"
         rows.append((controller.name, *gains, *cells))
         for values in controller.autopilot_parameters(item.axis).values():
             written = ", ".join(f"{key} {x:.4g}" for key, x in values.items())
             bullets.append(f"{controller.name}: {written}")
-    titles = ("", "P", "Ti [s]", "crossover [Hz]", "phase margin [°]", "gain margin [dB]")
-    return table(titles, rows), Bullets(tuple(bullets))
+    return table(("", "P", "Ti [s]", *(words for words, _ in margins.values())), rows), Bullets(
+        tuple(bullets)
+    )
 
 
 #: Margins by their words and decimals.

@@ -42,6 +42,7 @@ from eivor.simulation.controller import (
     DelayLine,
     FlightController,
     LiveFilter,
+    Readings,
     Sensor,
     control_effectiveness,
     gains_of,
@@ -538,22 +539,19 @@ def _measured(
 ) -> list[tuple[Sensor, dict[str, Series]]]:
     sensors, step_s, body = spec.sensors, spec.step_s, flight.body
     attitude = np.column_stack(turned(list(body[:, 6:10].T), *met.attitude_error.T))
-
-    velocity = sensors.velocity.readings(body[:, 3:6] + met.velocity_error, step_s)
-    position = sensors.position.readings(body[:, 0:3] + met.position_error, step_s)
-    rates = sensors.angular_rate.readings(body[:, 10:13] + met.rate_error, step_s)
-    forces = sensors.specific_force.readings(force + met.force_error, step_s)
-    measured = [
-        (sensors.angular_rate, _named("angular_rate", rates, "xyz")),
-        (sensors.specific_force, _named("specific_force_body", forces, "xyz")),
-        (sensors.velocity, _named("velocity", velocity, "xyz")),
-        (sensors.position, _named("position", position, "xyz")),
-        (sensors.attitude, _named("attitude", sensors.attitude.readings(attitude, step_s), "wxyz")),
+    raw: list[tuple[Sensor | None, str, Readings, Iterable[object]]] = [
+        (sensors.angular_rate, "angular_rate", body[:, 10:13] + met.rate_error, "xyz"),
+        (sensors.specific_force, "specific_force_body", force + met.force_error, "xyz"),
+        (sensors.velocity, "velocity", body[:, 3:6] + met.velocity_error, "xyz"),
+        (sensors.position, "position", body[:, 0:3] + met.position_error, "xyz"),
+        (sensors.attitude, "attitude", attitude, "wxyz"),
+        (sensors.rotor_speed, "rotor_speed", flight.rotor_speed + met.speed_error, count(1)),
     ]
-    if sensors.rotor_speed is not None:
-        speeds = sensors.rotor_speed.readings(flight.rotor_speed + met.speed_error, step_s)
-        measured.append((sensors.rotor_speed, _named("rotor_speed", speeds, count(1))))
-    return measured
+    return [
+        (sensor, _named(stem, sensor.readings(values, step_s), parts))
+        for sensor, stem, values, parts in raw
+        if sensor is not None
+    ]
 
 
 def _logged_series(
