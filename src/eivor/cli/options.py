@@ -69,7 +69,9 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "NAMES", "references, lags, or channels with commas between them.", values=("references", "lags")
         ),
     ] = ""
-    method: Annotated[str, rare_option("NAME", f"{', '.join(METHODS)}.", values=METHODS)] = "reference_iv"
+    method: Annotated[str, rare_option("NAME", f"{', '.join(METHODS)} (rigid body).", values=METHODS)] = (
+        "reference_iv"
+    )
     compare: Annotated[bool, rare_flag("--compare", "List every method side by side.")] = False
     lag: Annotated[
         str,
