@@ -232,11 +232,11 @@ def refined_flights(flights: motion.Flights, problem: VerticalFlights) -> motion
     unit = known[0].issued[0].unit
     if limit.kind == RATE:
         sentence = (
-            f"Commands act at no more than {limit.value:.2g} {unit or '1'}/s, as the response to their noise "
+            f"Commands act at no more than {plain(limit.value)} {unit or '1'}/s, as the response to their noise "
             "shows: gain, friction and lag are those behind commands of that rate."
         )
     else:
-        largest = f"{limit.value:.3g} {unit}".rstrip()
+        largest = f"{plain(limit.value, 3)} {unit}".rstrip()
         sentence = f"Commands above {largest} act as that: the results are those of commands up to there."
     finding = Finding(limit.kind, sentence)
     return tuple(replace(f.within(limit), findings=(*f.findings, finding)) for f in known)
