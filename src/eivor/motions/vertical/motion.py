@@ -53,6 +53,7 @@ from eivor.motions.vertical.regression import (
 )
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.thrust_map import Mixed, input_map
+from eivor.tools import plain
 
 #: Friction of a multirotor of which nothing is known [1/s].
 ANY_FRICTION = Prior(0.3, 0.3)
@@ -232,8 +233,8 @@ def refined_flights(flights: motion.Flights, problem: VerticalFlights) -> motion
     unit = known[0].issued[0].unit
     if limit.kind == RATE:
         sentence = (
-            f"Commands act at no more than {plain(limit.value)} {unit or '1'}/s, as the response to their noise "
-            "shows: gain, friction and lag are those behind commands of that rate."
+            f"Commands act at no more than {plain(limit.value)} {unit or '1'}/s, as the response to their "
+            "noise shows: gain, friction and lag are those behind commands of that rate."
         )
     else:
         largest = f"{plain(limit.value, 3)} {unit}".rstrip()
