@@ -28,6 +28,7 @@ from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors
 from eivor.motions.rigid_body.vehicle import Vehicle as RigidBody
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import (
+    Errors,
     SensorNoise,
     SimulatedFlight,
     Trajectory,
@@ -150,9 +151,7 @@ def flat_output(reference: Trajectory, k: int) -> dict[str, Any]:
     }
 
 
-def measured(
-    state: Mapping[str, Float[np.ndarray, " _"]], errors: dict[str, Float[np.ndarray, "n 3"]], k: int
-) -> dict[str, Any]:
+def measured(state: Mapping[str, Float[np.ndarray, " _"]], errors: Errors, k: int) -> dict[str, Any]:
     x, y, z, w = state["q"]
     a, b, c = 0.5 * errors["attitude"][k]
     # q multiplied from the right by the small rotation [a, b, c, 1], first order in the angles.
@@ -237,7 +236,7 @@ class _Parts:
     parameters: dict[str, Any]
     reference: Trajectory
     wind: Float[np.ndarray, "n 3"]
-    errors: dict[str, Float[np.ndarray, "n 3"]]
+    errors: Errors
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,12 +13,7 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel, Frame, Recording, clean_channel
-from eivor.simulation.environment import (
-    NoiseKind,
-    SensorNoise,
-    Trajectory,
-    TrajectoryKind,
-)
+from eivor.simulation.environment import Errors, NoiseKind, SensorNoise, Trajectory, TrajectoryKind
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 from validation.real_logs.closed_loop import STEP_S, FlightSpec, Flown, Jitter, fly_own, stream
 
@@ -170,8 +165,8 @@ class Topics:
     """Clocks of a log, and the errors of its sensors at their samples."""
 
     clocks: Mapping[str, Clock]  # Of command, reference, velocity, acceleration, attitude
-    slow: dict[str, Float[np.ndarray, "n 3"]]  # Errors of position and velocity, and of the accelerometer
-    quick: dict[str, Float[np.ndarray, "n 3"]]
+    slow: Errors  # Errors of position and velocity, and of the accelerometer
+    quick: Errors
     attitude: Float[np.ndarray, "n 3"]  # Small rotations of the attitude [rad]
 
     def seen(self, spec: FlightSpec) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
@@ -191,7 +186,7 @@ def topics(spec: FlightSpec) -> Topics:
     }
     clocks["command"] = command_clock(spec, stream(spec, "clock command"))
 
-    def errors(name: str) -> dict[str, Float[np.ndarray, "n 3"]]:
+    def errors(name: str) -> Errors:
         count = clocks[name].instants.size
         return logger.noise.errors(count, 3, stream(spec, f"errors {name}"))
 

@@ -143,10 +143,6 @@ def logged_flight(vehicle: str, seed: int, seconds: float, noise: Sequence[float
         f"RotorPy, seed {seed}",
         "rotorpy",
         step_s * np.arange(0, count, every),
-        {
-            **commands,
-            **dict(zip(HELD, references.T, strict=True)),
-            **dict(zip(SAMPLED, log[rotors:], strict=True)),
-        },
+        commands | dict(zip((*HELD, *SAMPLED), (*references.T, *log[rotors:]), strict=True)),
     )
     return replace(recording, parameters={})  # an autopilot's log does not say how fast its loop is

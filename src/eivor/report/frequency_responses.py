@@ -162,8 +162,7 @@ def response_of_axis(
     channels = [output, path.input] if path.input else [output, *first.driving]
     slowest = min(flight.recording.channel(name).rate_hz for flight in flights for name in channels)
     grid = _grid(flights, slowest)
-    u = [np.asarray(values) for values in runs(source)]
-    y = runs(output)
+    u, y = runs(source), runs(output)
     given: dict[str, Any] = {"rate_hz": 1.0 / step_s, "frequency_hz": grid}
     r = runs(reference) if reference else None
     response = frequency_response(u, y, reference=r, **given)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import version
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class NoiseKind(StrEnum):
 #: Sensors with such noise, and those of them whose noise has a distribution and memory: its order.
 SENSORS = ("acceleration", "velocity", "position", "attitude")
 ORDERS = {"acceleration": -0.5, "velocity": -0.4}
+Errors: TypeAlias = dict[str, Float[np.ndarray, "n axes"]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,9 +55,7 @@ class SensorNoise:
     def __post_init__(self) -> None:
         checks.in_ranges(self, "Give standard deviations.")
 
-    def errors(
-        self, count: int, axes: int, rng: np.random.Generator
-    ) -> dict[str, Float[np.ndarray, "n axes"]]:
+    def errors(self, count: int, axes: int, rng: np.random.Generator) -> Errors:
         """Independent errors of every sensor on every axis, one row for each stamp, in SI units."""
         return {name: getattr(self, name) * self._unit(name, (count, axes), rng) for name in SENSORS}
 
