@@ -15,7 +15,7 @@ from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.recording import Channel, Recording
 from eivor.signals.signals import Signals
-from eivor.simulation.environment import KnownLog, known_log
+from eivor.simulation.environment import KnownLog
 from eivor.simulation.excitation import Disturbance, Excitation, PaperInput, at_least
 from eivor.tools import Float
 
@@ -382,4 +382,4 @@ def log_about_hover(scenario: Scenario, seed: int) -> KnownLog:
             "std": float(record.truth.channels["disturbance"].std()),
         },
     }
-    return known_log(recording, scenario.rate_hz, scenario.samples, seed, truth)
+    return KnownLog(recording, scenario.rate_hz, scenario.samples, seed, truth)

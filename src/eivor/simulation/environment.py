@@ -231,21 +231,19 @@ SCHEMA = "eivor.simulate/1"
 
 @dataclass(frozen=True)
 class KnownLog:
-    """A log and its truth."""
+    """A log and what is true of it."""
 
     recording: Recording
     rate_hz: float
     samples: int
-    truth: dict[str, object]
+    seed: int
+    known: Mapping[str, object]
 
-
-def known_log(
-    recording: Recording, rate_hz: float, samples: int, seed: int, truth: Mapping[str, object]
-) -> KnownLog:
-    """Log with the document of its truth."""
-    of_log = {"rate_hz": rate_hz, "samples": samples, "seed": seed}
-    document = {"schema": SCHEMA, **truth, **of_log, "provenance": {"version": version("eivor")}}
-    return KnownLog(recording, rate_hz, samples, document)
+    @property
+    def truth(self) -> dict[str, object]:
+        """Document of what is true."""
+        of_log = {name: getattr(self, name) for name in ("rate_hz", "samples", "seed")}
+        return {"schema": SCHEMA, **self.known, **of_log, "provenance": {"version": version("eivor")}}
 
 
 def gusts(

@@ -55,7 +55,6 @@ from eivor.simulation.environment import (
     SimulatedFlight,
     TrajectoryKind,
     altitude_reference,
-    known_log,
 )
 from eivor.simulation.excitation import Disturbance, Excitation
 from eivor.strict_toml import package_tables
@@ -640,7 +639,7 @@ def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
         raise ParameterError(expected, f"one that is lost with the seed {spec.seed}", remedy)
     # Without its input map where that is the rotors' own default.
     recording = replace(flight.recording, input_map="")
-    return known_log(recording, spec.rate_hz, spec.count, spec.seed, _rigid_body_truth(spec, flight))
+    return KnownLog(recording, spec.rate_hz, spec.count, spec.seed, _rigid_body_truth(spec, flight))
 
 
 def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dict[str, object]:

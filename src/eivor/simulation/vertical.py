@@ -21,7 +21,6 @@ from eivor.simulation.environment import (
     TrajectoryKind,
     altitude_reference,
     gusts,
-    known_log,
     simulated_recording,
 )
 from eivor.tools import Float
@@ -322,7 +321,7 @@ def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
             raise ParameterError(expected, f"one that is lost with the seed {spec.seed}", remedy)
         # Without its input map, which is the rotors' own default.
         recording = replace(flight.recording, input_map="")
-        yield known_log(recording, 1.0 / STEP_S, spec.count, spec.seed, _flight_truth(spec))
+        yield KnownLog(recording, 1.0 / STEP_S, spec.count, spec.seed, _flight_truth(spec))
 
 
 def _flight_truth(spec: VerticalFlightSpec) -> dict[str, object]:
