@@ -249,8 +249,8 @@ class LagPrior:
             low, high = self._ends(known)
         if low <= value <= high and self.p_value >= 1.0 - LEVEL:
             return max(interval[0], low), min(interval[1], high)
-        own = self.alone.value if math.isfinite(self.alone.value) else value
-        return min(interval[0], own), max(interval[1], own)
+        alone = self.alone.value if math.isfinite(self.alone.value) else value
+        return min(interval[0], alone), max(interval[1], alone)
 
     @property
     def given(self) -> str:

@@ -409,9 +409,9 @@ def _read_columns(
 ) -> tuple[dict[str, np.ndarray], int]:
     """Columns with the names and units of `blackbox_decode`, and how many bytes are of no frame."""
     data = np.frombuffer(padded, dtype=np.uint8)
-    begun, broken, lost = _chain(padded, begins, end, _lengths(data, begins, end, head.frames))
+    firsts, broken, lost = _chain(padded, begins, end, _lengths(data, begins, end, head.frames))
     wanted = [field for field, item in enumerate(head.frames[INTRA].names) if item != "loopIteration"]
-    starts = np.array(begun, dtype=np.int64)
+    starts = np.array(firsts, dtype=np.int64)
     if starts.size * len(wanted) > NUMBERS_PER_BYTE * end + 1_000_000:
         raise _corrupt(name, f"whose {starts.size} frames hold more than {NUMBERS_PER_BYTE} numbers a byte")
     raw = _main_columns(data, starts, broken, head, wanted) if starts.size else {}

@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
-import scipy.signal
+import scipy
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.prepared import LEVEL, RATE, CommandLimit, PreparedFlight
@@ -59,7 +58,7 @@ def _gains(
     whitening = _whitening(_residual(logged), max(int(MEMORY_S / step_s), 1))
 
     def squares(of: Float[np.ndarray, "n c"]) -> Float[np.ndarray, " blocks"]:
-        white = scipy.signal.lfilter(whitening, [1.0], of, axis=0)[whitening.size :]
+        white = np.stack([np.convolve(column, whitening, mode="valid") for column in of.T], axis=1)
         usual = white.shape[0] // block * block
         return np.asarray((_residual(white)[:usual].reshape(-1, block) ** 2).sum(axis=1))
 
@@ -93,8 +92,8 @@ def command_limit(problem: VerticalFlights) -> CommandLimit | None:
     prepared = [_longest_run(flight) for flight in flights if flight is not None and flight.issued]
     if len(prepared) < len(problem.flights):
         return None
-    found = [_best(problem, prepared, limits) for limits in (_rates(prepared), _levels(prepared)) if limits]
-    gain, limit = max(found, default=(0.0, None), key=lambda item: item[0])
+    best = [_best(problem, prepared, limits) for limits in (_rates(prepared), _levels(prepared)) if limits]
+    gain, limit = max(best, default=(0.0, None), key=lambda item: item[0])
     return limit if gain >= LEAST_GAIN else None
 
 
