@@ -335,7 +335,7 @@ def side_by_side(study: Study, numbers: Sequence[int]) -> list[Row]:
     ]
 
 
-def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.ndarray, "trials n"]:
+def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.ndarray, "trials parameters"]:
     """Parameters of every trial by one method; NaN where a trial is in doubt."""
     method, (signals, channels) = cast("LinearMethod", choice.method), records
     if choice.known_noise is not None:

@@ -45,7 +45,7 @@ def _gains(
     tilt, block = flight.signals.channel("cos_tilt"), max(round(BLOCK_S / step_s), 1)
     response = flight.velocity_derivative if flight.acceleration is None else flight.acceleration
 
-    def columns(commands: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n c"]:
+    def columns(commands: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "rows c"]:
         """Acceleration; then velocity, thrust behind every lag, and powers of thrust for other maps."""
         states = [flight.state_of(commands, lag_s=lag_s, delay_s=0.0) for lag_s in LAGS_S]
         thrusts = [motion.input_map(state).mean(axis=1) * tilt for state in states]
