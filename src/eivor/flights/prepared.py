@@ -409,20 +409,19 @@ class PreparedFlight:
         )
 
     def acting(self, limits: Sequence[CommandLimit]) -> Float[np.ndarray, "n m k"]:
-        """Commands on the grid as they act within each of some limits of one kind."""
+        """Commands on the grid as they act within each of some limits: of rate first, then of level."""
+        rates, levels = (np.array([x.value for x in limits if x.kind == kind]) for kind in (RATE, LEVEL))
 
         def on_grid(command: Channel) -> Float[np.ndarray, "n k"]:
             ends = self.grid.time_s[[0, -1]] + [-2.0 * CAUGHT_UP_S, CAUGHT_UP_S]
             near = slice(*np.searchsorted(command.time_s, ends).tolist())
             part = replace(command, time_s=command.time_s[near], values=command.values[near])
-            values = np.array([limit.value for limit in limits])
-            if limits[0].kind == RATE:
-                rows = rate_limited(part.values, part.time_s, values)
-            else:
-                rows = np.minimum(part.values, values[:, None])
-            return np.stack(
-                [command_on_grid(replace(part, values=row), self.grid)[0] for row in rows], axis=1
+            slowed, capped = (
+                rate_limited(part.values, part.time_s, rates),
+                np.minimum(part.values, levels[:, None]),
             )
+            each = [command_on_grid(replace(part, values=row), self.grid)[0] for row in (*slowed, *capped)]
+            return np.stack(each, axis=1)
 
         return np.stack([on_grid(command) for command in self.issued], axis=1)
 

@@ -285,4 +285,4 @@ def rate_limited(
     for k in range(2 * block):
         state = state + np.clip(at[:, k] - state, -most[..., k], most[..., k])
         results[..., k] = state
-    return results[..., block:].reshape(limits.size, -1)[:, : values.size]
+    return results[..., block:].reshape(limits.size, len(rows) * block)[:, : values.size]

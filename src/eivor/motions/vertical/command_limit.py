@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import scipy
 
-from eivor.estimation.estimate import Estimate
 from eivor.flights.prepared import LEVEL, RATE, CommandLimit, PreparedFlight
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.regression import VerticalFlight, VerticalFlights, vertical_problem
@@ -92,17 +91,18 @@ def command_limit(problem: VerticalFlights) -> CommandLimit | None:
     prepared = [_longest_run(flight) for flight in flights if flight is not None and flight.issued]
     if len(prepared) < len(problem.flights):
         return None
-    best = [_best(problem, prepared, limits) for limits in (_rates(prepared), _levels(prepared)) if limits]
-    gain, limit = max(best, default=(0.0, None), key=lambda item: item[0])
+    rates, levels = _rates(prepared), _levels(prepared)
+    if not (rates or levels):
+        return None
+    pairs = zip(problem.flights, prepared, strict=True)
+    gains = np.concatenate([_gains(flight, problem.motion, of, [*rates, *levels]) for flight, of in pairs])
+    kinds = (gains[:, : len(rates)], rates), (gains[:, len(rates) :], levels)
+    gain, limit = max((_best(*kind) for kind in kinds if kind[1]), key=lambda item: item[0])
     return limit if gain >= LEAST_GAIN else None
 
 
-def _best(
-    problem: VerticalFlights, prepared: list[PreparedFlight], limits: list[CommandLimit]
-) -> tuple[float, CommandLimit]:
+def _best(gains: Float[np.ndarray, "blocks k"], limits: list[CommandLimit]) -> tuple[float, CommandLimit]:
     """What the best of some limits of one kind gains, and that limit between its neighbours."""
-    pairs = zip(problem.flights, prepared, strict=True)
-    gains = np.concatenate([_gains(flight, problem.motion, of, limits) for flight, of in pairs])
     total = gains.sum(axis=0)
     best = int(total.argmax())
     most = np.sort(gains[:, best])[: math.floor((1.0 - OUTLYING) * len(gains))]
@@ -136,18 +136,14 @@ def _levels(flights: Sequence[PreparedFlight]) -> list[CommandLimit]:
     return [CommandLimit(LEVEL, x) for x in np.geomspace(low, high, LEVELS)[:-1]] if 0.0 < low < high else []
 
 
-def with_command_limit(
-    problem: VerticalFlights, estimated: Callable[[VerticalFlights], Estimate]
-) -> tuple[VerticalFlights, Estimate]:
-    """The problem with commands as they act, where these have a limit, and its estimate."""
-    estimate = estimated(problem)
+def within_limit(problem: VerticalFlights) -> VerticalFlights:
+    """The problem with commands as they act, where these have a limit."""
     limit = None if any(flight.command_limit for flight in problem.flights) else command_limit(problem)
     if limit is None:
-        return problem, estimate
+        return problem
     flights = tuple(
         replace(flight, signals=flight.prepared.within(limit).signals, command_limit=limit)
         for flight in problem.flights
         if flight.prepared is not None
     )
-    problem = vertical_problem(flights, problem.motion, problem.rule, problem.nuisances, problem.terms)
-    return problem, estimated(problem)
+    return vertical_problem(flights, problem.motion, problem.rule, problem.nuisances, problem.terms)

@@ -218,10 +218,10 @@ def refined(
     problem: VerticalFlights, solve: motion.Solver[VerticalFlights], options: FlightOptions
 ) -> tuple[VerticalFlights, Estimate]:
     """The problem with the limit of commands and the input map that flights show."""
-    problem, estimate = command_limit.with_command_limit(problem, solve)
+    problem = command_limit.within_limit(problem)
     if options.input_map == FIT_MAP:
         return thrust_curve.refined_curve(problem, solve, options.accelerometer_bias)
-    return problem, estimate
+    return problem, solve(problem)
 
 
 def refined_flights(flights: motion.Flights, problem: VerticalFlights) -> motion.Flights:
