@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from eivor.cli import outputs
+from eivor.cli import outputs as cli
 from eivor.cli.options import NO_TEXTS, parse_pair
 from eivor.errors import NotIdentifiedError, UsageError
 from eivor.exports.fitted import Supplied, known_number, one_line
@@ -31,27 +31,27 @@ NAMES = {
 FOLDER_FILES = (PAGE, *NAMES.values())
 
 
-@outputs.guarded
+@cli.guarded
 def export(
-    fit: outputs.FitArgument,
-    file: Annotated[str, outputs.argument("FILE", "Where to, as -o."), outputs.Writes(FOLDER_FILES)] = "",
+    fit: cli.FitArgument,
+    file: Annotated[str, cli.argument("FILE", "Where to, as -o."), cli.Writes(FOLDER_FILES)] = "",
     *,
     to: Annotated[
-        str, outputs.option("TARGET", "What for: see Targets below.", values=(*TARGETS, *RANDOMISATIONS, ALL))
+        str, cli.option("TARGET", "What for: see Targets below.", values=(*TARGETS, *RANDOMISATIONS, ALL))
     ] = "",
-    model: outputs.FitModelOption = "",
+    model: cli.FitModelOption = "",
     draws: Annotated[
         int | None,
-        outputs.option(
+        cli.option(
             "N",
             "N joint draws of the identified parameters: without --to as Parquet, else as the "
             "simulator's randomisation (rotorpy, mujoco, isaaclab).",
         ),
     ] = None,
-    seed: Annotated[int, outputs.option("SEED", "Of the draws.")] = 0,
+    seed: Annotated[int, cli.option("SEED", "Of the draws.")] = 0,
     mass: Annotated[
         str,
-        outputs.option(
+        cli.option(
             "KG[:STD]",
             "Mass with all on board and its standard deviation, such as 1.53:0.02; for simulators and "
             "draws. Without it that of the vehicle.",
@@ -59,24 +59,24 @@ def export(
     ] = "",
     prior: Annotated[
         list[str],
-        outputs.option(
+        cli.option(
             "NAME=VALUE[:STD]",
             "What is known of a quantity that the flight does not identify; several times for several.",
         ),
     ] = NO_TEXTS,
     vehicle: Annotated[
         str,
-        outputs.option(
+        cli.option(
             "FILE.toml",
             "Where the rotors are, for simulators: a vehicle file, or the name of a shipped one. "
             "Without it that of the result, when it has one.",
             values_of="eivor.motions.rigid_body.vehicle:shipped_vehicles",
         ),
-        outputs.Reads(),
+        cli.Reads(),
     ] = "",
     accept: Annotated[
         str,
-        outputs.option(
+        cli.option(
             "VERDICT",
             "Write weak numbers too, or provisional ones as well; each has its verdict beside it.",
             values=("identified", "weak", "provisional"),
@@ -84,12 +84,12 @@ def export(
     ] = "identified",
     output: Annotated[
         str,
-        outputs.option(
+        cli.option(
             "FILE", "Where to; without it on standard output. Of --to all a folder.", "-o", "--output"
         ),
-        outputs.Writes(FOLDER_FILES),
-    ] = outputs.STANDARD_OUTPUT,
-) -> outputs.ExitCode:
+        cli.Writes(FOLDER_FILES),
+    ] = cli.STANDARD_OUTPUT,
+) -> cli.ExitCode:
     """Write a result's numbers where they are used, with intervals; only what is identified."""
     output = _destination(to, draws, file, output)
     given = supplied(mass, prior, vehicle)
@@ -100,32 +100,32 @@ def export(
             notes = _every_target(fits, model, given, accept, Path(output))
         elif draws is None or to:
             made = result.exported(to, given, draws, seed, accept)
-            if isinstance(made.text, bytes) and output == outputs.STANDARD_OUTPUT:
+            if isinstance(made.text, bytes) and output == cli.STANDARD_OUTPUT:
                 raise UsageError(
                     f"a file for --to {to}", "standard output", f"Add -o fit{TARGETS[to].ending}."
                 )
-            outputs.write_out(made.text, output)
-            if output != outputs.STANDARD_OUTPUT:
-                outputs.write(f"{output}: {to}\n")
+            cli.write_out(made.text, output)
+            if output != cli.STANDARD_OUTPUT:
+                cli.write(f"{output}: {to}\n")
             omitted, notes = made.omitted, made.lost
         else:
             omitted, notes = _draw_vehicles(result, draws, seed, given, accept, Path(output))
     except NotIdentifiedError as error:
         omitted = (str(error),)
     if omitted or notes:
-        outputs.complain(*omitted, *notes)
-    return outputs.ExitCode.NOT_IDENTIFIED if omitted else outputs.ExitCode.IDENTIFIED
+        cli.complain(*omitted, *notes)
+    return cli.ExitCode.NOT_IDENTIFIED if omitted else cli.ExitCode.IDENTIFIED
 
 
 def _destination(to: str, draws: int | None, file: str, output: str) -> str:
     if not to and draws is None:
         raise UsageError("--to TARGET, --draws N or both", "neither", "Say what is to be written.")
-    if file and output != outputs.STANDARD_OUTPUT:
+    if file and output != cli.STANDARD_OUTPUT:
         raise UsageError("one place to write to", f"{file} and {output}", "Leave out -o.")
     to_file = file or output
-    if not to and to_file == outputs.STANDARD_OUTPUT:
+    if not to and to_file == cli.STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
-    if to == ALL and (to_file == outputs.STANDARD_OUTPUT or draws is not None):
+    if to == ALL and (to_file == cli.STANDARD_OUTPUT or draws is not None):
         received = "standard output" if draws is None else f"--draws {draws}"
         raise UsageError("a folder for --to all, and no draws", received, "Give --to all FOLDER.")
     return to_file
@@ -136,7 +136,7 @@ def _every_target(
 ) -> tuple[str, ...]:
     """Write every target that the result supports, and a page that says what each holds; what they lack."""
     sections: list[tuple[str, str, tuple[str, ...]]] = []
-    with outputs.writing(folder):
+    with cli.writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     for target, file in NAMES.items():
         result, draws = fit_among(fits, model, motions_for(target)), None if target in TARGETS else 1000
@@ -148,10 +148,10 @@ def _every_target(
         except (NotIdentifiedError, UsageError) as error:
             sections.append((target, "", (str(error),)))
             continue
-        outputs.write_out(made.text, str(folder / file))
-        outputs.write(f"{folder / file}: {EVERY[target]}\n")
+        cli.write_out(made.text, str(folder / file))
+        cli.write(f"{folder / file}: {EVERY[target]}\n")
         sections.append((target, file, (*made.omitted, *made.lost)))
-    outputs.write_out("\n".join(_page(result, sections)), str(folder / PAGE))
+    cli.write_out("\n".join(_page(result, sections)), str(folder / PAGE))
     if any(file for _, file, _ in sections):
         return tuple(dict.fromkeys(note for _, file, notes in sections if file for note in notes))
     raise NotIdentifiedError(
@@ -176,7 +176,7 @@ def _draw_vehicles(
     table = draws_table(result, count, seed, supplied.mass, accept)
     buffer = io.BytesIO()
     table.write_parquet(buffer)
-    outputs.write_out(buffer.getvalue(), str(path))
+    cli.write_out(buffer.getvalue(), str(path))
     absent = [name for name in result.names if name not in table.columns]
     columns = ((name, result.quantities[name].verdict) for name in table.columns if name in result.quantities)
     marked = tuple(

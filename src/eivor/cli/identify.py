@@ -10,44 +10,28 @@ from typing import Annotated, Any
 
 from msgspec import Struct
 
+from eivor.cli import outputs as cli
 from eivor.cli.options import METHODS, NEEDS, FlightWords, LogWords
-from eivor.cli.outputs import (
-    RESIDUAL_FILES,
-    ExitCode,
-    FitArgument,
-    FitModelOption,
-    JsonOption,
-    P,
-    Reads,
-    Writes,
-    argument,
-    guarded,
-    log_paths,
-    option,
-    rare_flag,
-    rare_option,
-    with_options,
-)
 
 
 def declared(
     *sources: type[Struct], only: tuple[str, ...] = (), home: str = "tools"
-) -> Callable[[Callable[P, None]], Callable[P, None]]:
+) -> Callable[[Callable[cli.P, None]], Callable[cli.P, None]]:
     """A command done by the function of its name in another module, which help does not load."""
 
-    def made(command: Callable[P, None]) -> Callable[P, None]:
-        @wraps(with_options(*sources, only=only)(command))
-        def done(*_: P.args, **typed: P.kwargs) -> ExitCode:
+    def made(command: Callable[cli.P, None]) -> Callable[cli.P, None]:
+        @wraps(cli.with_options(*sources, only=only)(command))
+        def done(*_: cli.P.args, **typed: cli.P.kwargs) -> cli.ExitCode:
             return resolve_name(f"eivor.cli.{home}:{command.__name__}")(SimpleNamespace(**typed))
 
-        return guarded(done)
+        return cli.guarded(done)
 
     return made
 
 
 NeedsOption = Annotated[
     str,
-    rare_option(
+    cli.rare_option(
         "NAMES",
         f"What must be identified for exit code 0: {', '.join(NEEDS)} (of roll and pitch), or names of "
         "quantities, with commas between them. Default: any of them.",
@@ -61,23 +45,23 @@ NeedsOption = Annotated[
 def identify(
     *,
     needs: NeedsOption = "",
-    json: JsonOption = "",
+    json: cli.JsonOption = "",
     figure: Annotated[
-        str, option("FILE", "Draw the first fit: FILE.png, FILE.svg or FILE.pdf."), Writes()
+        str, cli.option("FILE", "Draw the first fit: FILE.png, FILE.svg or FILE.pdf."), cli.Writes()
     ] = "",
     html: Annotated[
-        str, option("FILE", "Write everything as one page that opens in any browser."), Writes()
+        str, cli.option("FILE", "Write everything as one page that opens in any browser."), cli.Writes()
     ] = "",
     card: Annotated[
-        bool, rare_flag("--card", "Print the flight card too: what to fly and to log instead.")
+        bool, cli.rare_flag("--card", "Print the flight card too: what to fly and to log instead.")
     ] = False,
     residuals: Annotated[
         str,
-        rare_option(
+        cli.rare_option(
             "FOLDER",
             "Write residuals of the first fit, with layouts of PlotJuggler and Foxglove that draw them.",
         ),
-        Writes(RESIDUAL_FILES),
+        cli.Writes(cli.RESIDUAL_FILES),
     ] = "",
     **given: Any,
 ) -> None:
@@ -88,7 +72,9 @@ def identify(
 def report(
     *,
     needs: NeedsOption = "",
-    out: Annotated[str, option("FILE", "The page, such as flight.html.", "--out", "-o"), Writes()] = "",
+    out: Annotated[
+        str, cli.option("FILE", "The page, such as flight.html.", "--out", "-o"), cli.Writes()
+    ] = "",
     **given: Any,
 ) -> None:
     """Write what eivor identify finds as one page to look at and to send: verdict, numbers, pictures."""
@@ -104,33 +90,36 @@ TRACK_OPTIONS = (
 @declared(LogWords, FlightWords, only=TRACK_OPTIONS)
 def track(
     log: Annotated[
-        str, argument("LOG", "One log, as of eivor identify; LOG@START:END takes a window."), Reads(log_paths)
+        str,
+        cli.argument("LOG", "One log, as of eivor identify; LOG@START:END takes a window."),
+        cli.Reads(cli.log_paths),
     ] = "",
     *,
     memory: Annotated[
         float | None,
-        option(
+        cli.option(
             "S",
             "Time over which samples are forgotten, in seconds; a step is identified after half of it "
             "(default: 5, or the length of a shorter flight).",
         ),
     ] = None,
     parameter: Annotated[
-        str, option("NAME", "What is followed (default: the gain of the input); of a machine any term.")
+        str, cli.option("NAME", "What is followed (default: the gain of the input); of a machine any term.")
     ] = "",
     accelerometer_bias: Annotated[
         float | None,
-        rare_option(
+        cli.rare_option(
             "STD",
             "Standard deviation of what the equation's intercept may be, in m/s^2 (default: 0.1). It "
             "lets hover determine the gain; inf when nothing is known, so that only movement does.",
         ),
     ] = None,
     method: Annotated[
-        str, rare_option("NAME", "Method that identifies the flight as a whole, and its lag.", values=METHODS)
+        str,
+        cli.rare_option("NAME", "Method that identifies the flight as a whole, and its lag.", values=METHODS),
     ] = "reference_iv",
-    json: JsonOption = "",
-    figure: Annotated[str, option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",
+    json: cli.JsonOption = "",
+    figure: Annotated[str, cli.option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), cli.Writes()] = "",
     **given: Any,
 ) -> None:
     """Follow a parameter over a log: the thrust gain, which a worn propeller lowers, or any of a machine."""
@@ -138,19 +127,19 @@ def track(
 
 @declared(LogWords, FlightWords, only=("window", "max_tilt", "channel_map"))
 def validate(
-    fit: FitArgument,
+    fit: cli.FitArgument,
     log: Annotated[
         str,
-        argument("LOG", "Another flight of the same vehicle; LOG@START:END for a part."),
-        Reads(log_paths),
+        cli.argument("LOG", "Another flight of the same vehicle; LOG@START:END for a part."),
+        cli.Reads(cli.log_paths),
     ],
     *,
-    model: FitModelOption = "",
-    json: JsonOption = "",
+    model: cli.FitModelOption = "",
+    json: cli.JsonOption = "",
     figure: Annotated[
         str,
-        option("FILE", "Draw measured, predicted and residual: FILE.png, FILE.svg or FILE.pdf."),
-        Writes(),
+        cli.option("FILE", "Draw measured, predicted and residual: FILE.png, FILE.svg or FILE.pdf."),
+        cli.Writes(),
     ] = "",
     **given: Any,
 ) -> None:
@@ -166,17 +155,17 @@ def frequency_response(
     *,
     axis: Annotated[
         str,
-        option(
+        cli.option(
             "NAME",
             "roll, pitch, yaw or vertical (default: all that turns), or an equation of a --machine.",
             values=("roll", "pitch", "yaw", "vertical"),
         ),
     ] = "",
     reference: Annotated[
-        str, option("CHANNEL", "What moves the input and does not answer the vehicle (default: by rule).")
+        str, cli.option("CHANNEL", "What moves the input and does not answer the vehicle (default: by rule).")
     ] = "",
-    figure: Annotated[str, option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",
-    json: JsonOption = "",
+    figure: Annotated[str, cli.option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), cli.Writes()] = "",
+    json: cli.JsonOption = "",
     **given: Any,
 ) -> None:
     """Estimate the response from torque setpoint to rate, thrust to force, or a machine's input to state.

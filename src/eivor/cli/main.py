@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from eivor.cli import outputs
+from eivor.cli import outputs as cli
 from eivor.errors import InputError, UsageError, did_you_mean
 
 #: What the reader of arguments raises; its module is not the same in all versions of Typer.
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     app: typer.Typer
 
 #: Commands in the order of help; see the file.
-COMMANDS = {name: row for name, row in outputs.COMMANDS.items() if "heading" in row}
+COMMANDS = {name: row for name, row in cli.COMMANDS.items() if "heading" in row}
 #: Group of the entry points by which the rooms `lab`, `fleet` and `serve` add their commands.
 ENTRY_POINTS = "eivor.commands"
 
@@ -45,8 +45,8 @@ def _readable_errors() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        outputs.complain("interrupted")
-        raise typer.Exit(code=int(outputs.ExitCode.INTERRUPTED)) from None
+        cli.complain("interrupted")
+        raise typer.Exit(code=int(cli.ExitCode.INTERRUPTED)) from None
     except WrongUsage as error:
         context, parameter = getattr(error, "ctx", None), getattr(error, "param", None)
         if context is not None and hasattr(error, "option_name") and hasattr(error, "possibilities"):
@@ -59,9 +59,9 @@ def _readable_errors() -> Iterator[None]:
             if parameter.param_type_name == "option":
                 name = f"{max(parameter.opts, key=len)} {name}"
             command = context.command_path.partition(" ")[2]
-            example = f"For example: eivor {command} {outputs.COMMANDS.get(command, {}).get('example', name)}"
+            example = f"For example: eivor {command} {cli.COMMANDS.get(command, {}).get('example', name)}"
             about = f"{name} ({parameter.help[0].lower()}{parameter.help[1:].rstrip('.')})"
-            raise typer.Exit(int(outputs.reported(UsageError(about, "none", example)))) from None
+            raise typer.Exit(int(cli.reported(UsageError(about, "none", example)))) from None
         raise
 
 
@@ -116,9 +116,7 @@ def _add(made: typer.Typer, name: str, target: str, panel: str | None) -> None:
     if isinstance(command, typer.Typer):
         made.add_typer(command, rich_help_panel=panel)
     else:
-        made.command(epilog=outputs.exit_codes(name), cls=outputs.ReadableCommand, rich_help_panel=panel)(
-            command
-        )
+        made.command(epilog=cli.exit_codes(name), cls=cli.ReadableCommand, rich_help_panel=panel)(command)
 
 
 def __getattr__(name: str) -> object:
@@ -131,7 +129,7 @@ def __getattr__(name: str) -> object:
 
 def _print_version(wanted: bool) -> bool:
     if wanted:
-        outputs.write(f"eivor {version('eivor')}\n")
+        cli.write(f"eivor {version('eivor')}\n")
         raise typer.Exit
     return wanted
 
@@ -157,20 +155,20 @@ def run() -> None:
             stream.reconfigure(errors="replace")  # letters that it lacks
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")  # the matrices are small: threads would wait for each other
-    if os.environ.get(outputs.DEBUG_VARIABLE) != "1":
+    if os.environ.get(cli.DEBUG_VARIABLE) != "1":
         warnings.simplefilter("ignore")  # those of libraries; Eivor's own are findings and reasons
     try:
-        with outputs.printing() if sys.stdout else nullcontext():
+        with cli.printing() if sys.stdout else nullcontext():
             try:
                 _requested_command(sys.argv[1:])(prog_name="eivor")
             finally:  # what others print, such as help, waits until here for its room
                 if sys.stdout:
                     sys.stdout.flush()
     except BrokenPipeError:
-        raise SystemExit(outputs.ExitCode.FAILED) from None
+        raise SystemExit(cli.ExitCode.FAILED) from None
     except InputError as error:
-        outputs.complain(str(error))
-        raise SystemExit(outputs.ExitCode.FAILED) from None
+        cli.complain(str(error))
+        raise SystemExit(cli.ExitCode.FAILED) from None
 
 
 def _requested_command(arguments: list[str]) -> typer.Typer:

@@ -7,18 +7,7 @@ from typing import Annotated, Any, get_type_hints
 
 import msgspec
 
-from eivor.cli.outputs import (
-    MachineOption,
-    ModelOption,
-    Reads,
-    VehicleOption,
-    argument,
-    flag,
-    log_paths,
-    option,
-    rare_flag,
-    rare_option,
-)
+from eivor.cli import outputs as cli
 
 #: Default of an option that may be given several times.
 NO_TEXTS: list[str] = []
@@ -37,19 +26,21 @@ METHODS = (
 class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """Choices for the identification of a flight, as they are typed; `eivor.cli.parsing` reads them."""
 
-    window: Annotated[str, option("START:END", "Use this window of each log, in seconds from its start.")] = (
-        ""
-    )
+    window: Annotated[
+        str, cli.option("START:END", "Use this window of each log, in seconds from its start.")
+    ] = ""
     max_tilt: Annotated[
-        float | None, rare_option("DEG", "Leave out what is tilted further (default: 25.8 degrees).")
+        float | None, cli.rare_option("DEG", "Leave out what is tilted further (default: 25.8 degrees).")
     ] = None
     input_channel: Annotated[
         str,
-        option("CHANNEL", "Channel, or family such as rotor_command, that drives the vehicle.", "--input"),
+        cli.option(
+            "CHANNEL", "Channel, or family such as rotor_command, that drives the vehicle.", "--input"
+        ),
     ] = ""
     input_map: Annotated[
         str,
-        rare_option(
+        cli.rare_option(
             "MAP",
             "From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out.",
             values=("linear", "square", "power:", "mixed:", "fit"),
@@ -57,7 +48,7 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     ] = ""
     accelerometer_bias: Annotated[
         float | None,
-        rare_option(
+        cli.rare_option(
             "STD",
             "Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
             "(default: 0.1).",
@@ -65,17 +56,17 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     ] = None
     instruments: Annotated[
         str,
-        rare_option(
+        cli.rare_option(
             "NAMES", "references, lags, or channels with commas between them.", values=("references", "lags")
         ),
     ] = ""
-    method: Annotated[str, rare_option("NAME", f"{', '.join(METHODS)} (rigid body).", values=METHODS)] = (
+    method: Annotated[str, cli.rare_option("NAME", f"{', '.join(METHODS)} (rigid body).", values=METHODS)] = (
         "reference_iv"
     )
-    compare: Annotated[bool, rare_flag("--compare", "List every method side by side.")] = False
+    compare: Annotated[bool, cli.rare_flag("--compare", "List every method side by side.")] = False
     lag: Annotated[
         str,
-        option(
+        cli.option(
             "MS:STD",
             "Lag and delay of the actuators together, known from elsewhere. 70:15 is 70 ms with a standard "
             "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay. typical:CLASS is "
@@ -85,15 +76,15 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     ] = ""
     lag_from: Annotated[
         str,
-        rare_option("FIT.json", "Take it from another flight of this vehicle, identified with --json."),
-        Reads(),
+        cli.rare_option("FIT.json", "Take it from another flight of this vehicle, identified with --json."),
+        cli.Reads(),
     ] = ""
-    align: Annotated[bool, rare_flag("--align", "Take offset and scale out of sensors that disagree.")] = (
-        False
-    )
+    align: Annotated[
+        bool, cli.rare_flag("--align", "Take offset and scale out of sensors that disagree.")
+    ] = False
     pool_friction: Annotated[
         str,
-        rare_option(
+        cli.rare_option(
             "WAY",
             "Of several flights: auto, common (one friction for all) or separate (each its own, and their "
             "mean). auto takes them as common where they agree.",
@@ -101,11 +92,11 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         ),
     ] = "auto"
     pool_anyway: Annotated[
-        bool, rare_flag("--pool-anyway", "Pool flights whose parameters say that the vehicles differ.")
+        bool, cli.rare_flag("--pool-anyway", "Pool flights whose parameters say that the vehicles differ.")
     ] = False
     terms: Annotated[
         list[str],
-        rare_option(
+        cli.rare_option(
             "NAME",
             "Add an optional term of the motion to its equation, such as quadratic-drag; several times "
             "for several.",
@@ -115,13 +106,13 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     ] = msgspec.field(default_factory=list)
     rotor_radius: Annotated[
         float | None,
-        rare_option(
+        cli.rare_option(
             "M", "Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii."
         ),
     ] = None
     controller_rate: Annotated[
         float | None,
-        rare_option(
+        cli.rare_option(
             "HZ",
             "Rate of the controller that issues the commands, such as 400, where the log does not show it: "
             "the lag is known closer then.",
@@ -129,7 +120,7 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     ] = None
     order: Annotated[
         str,
-        rare_option(
+        cli.rare_option(
             "N",
             "Order of the response to commands: 1 without a lag, 2 with one, 3 with two in series; auto is "
             "2, and of turning 3 where the flight says so.",
@@ -138,7 +129,7 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     ] = "auto"
     noise: Annotated[
         list[str],
-        rare_option(
+        cli.rare_option(
             "NAME=STD",
             "Measurement noise of a channel, for methods that take it out: velocity_z=0.02, with a unit "
             "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,step:0.01. "
@@ -153,28 +144,28 @@ class LogWords(msgspec.Struct, kw_only=True):
 
     logs: Annotated[
         list[str] | None,
-        argument(
+        cli.argument(
             "LOG",
             "PX4 ULog or ulog2csv folder, ArduPilot DataFlash, Betaflight and INAV blackbox, Crazyflie "
             "microSD, ROS 1 bag, ROS 2 bag, MCAP, CSV, Parquet, MATLAB or HDF5. Several are pooled as "
             "flights of one vehicle. LOG@START:END takes a window of one log.",
         ),
-        Reads(log_paths),
+        cli.Reads(cli.log_paths),
     ] = None
-    example: Annotated[bool, flag("--example", "Use the example flight that comes with Eivor.")] = False
-    model: ModelOption = ""
-    vehicle: VehicleOption = ""
-    machine: MachineOption = ""
+    example: Annotated[bool, cli.flag("--example", "Use the example flight that comes with Eivor.")] = False
+    model: cli.ModelOption = ""
+    vehicle: cli.VehicleOption = ""
+    machine: cli.MachineOption = ""
     channel_map: Annotated[
         str,
-        option(
+        cli.option(
             "FILE.toml",
             "Channel map of a table, a bag or a Crazyflie's log, or the name of a shipped one: "
             "betaflight_csv, crazyflie_csv, inav_csv, nanobench, rotorpy.",
             "--map",
             values_of="eivor.logs.channel_map:shipped_maps",
         ),
-        Reads(),
+        cli.Reads(),
     ] = ""
 
 

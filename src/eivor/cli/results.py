@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from eivor.atomic_file import write_atomically
-from eivor.cli import outputs
+from eivor.cli import outputs as cli
 from eivor.cli.parsing import result_of
 from eivor.errors import UsageError
 from eivor.flights.result import LogEstimate
@@ -27,7 +27,7 @@ def figure_part(path: Path | None, make: Callable[[], Any]) -> Callable[[], None
 
     def draw() -> None:
         if path is not None:
-            with outputs.step(f"Drawing {path.name}"), outputs.writing(path):
+            with cli.step(f"Drawing {path.name}"), cli.writing(path):
                 save_figure(make(), path)
 
     return draw
@@ -35,23 +35,23 @@ def figure_part(path: Path | None, make: Callable[[], Any]) -> Callable[[], None
 
 def write_page(result: LogEstimate, position: str) -> None:
     """Write the page of a result to a file, or to standard output where the place is "-"."""
-    with outputs.step(f"Writing {Path(position).name}"):
+    with cli.step(f"Writing {Path(position).name}"):
         page = resolve_name("eivor.report.flight_page:flight_page")(result)
-    outputs.write_out(page, position)
+    cli.write_out(page, position)
 
 
 def _write_residuals(result: LogEstimate, folder: Path) -> None:
-    with outputs.step("Writing residuals"), outputs.writing(folder):
+    with cli.step("Writing residuals"), cli.writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in resolve_name("eivor.report.other_results:residual_files")(result.drawn).items():
             write_atomically(folder / name, text)
 
 
-def identify(typed: SimpleNamespace) -> outputs.ExitCode:
+def identify(typed: SimpleNamespace) -> cli.ExitCode:
     """Do what `eivor.cli.identify.identify` declares."""
-    picture = outputs.figure_file(typed.figure)
+    picture = cli.figure_file(typed.figure)
     result, needed = result_of(typed)
-    outputs.deliver_result(
+    cli.deliver_result(
         lambda: on_terminal(*log_documents(result, card=typed.card)),
         result.to_json,
         typed.json,
@@ -59,18 +59,18 @@ def identify(typed: SimpleNamespace) -> outputs.ExitCode:
         *([partial(write_page, result, typed.html)] if typed.html else []),
         *([partial(_write_residuals, result, Path(typed.residuals))] if typed.residuals else []),
     )
-    return outputs.ExitCode.IDENTIFIED if result.meets(needed) else outputs.ExitCode.NOT_IDENTIFIED
+    return cli.ExitCode.IDENTIFIED if result.meets(needed) else cli.ExitCode.NOT_IDENTIFIED
 
 
-def report(typed: SimpleNamespace) -> outputs.ExitCode:
+def report(typed: SimpleNamespace) -> cli.ExitCode:
     """Do what `eivor.cli.identify.report` declares."""
     out = typed.out
     if not out:
         raise UsageError("a file for the page", "none", "Add -o flight.html, for example.")
     result, needed = result_of(typed)
     write_page(result, out)
-    if out != outputs.STANDARD_OUTPUT:
+    if out != cli.STANDARD_OUTPUT:
         facts = Facts((("page", f"{out} ({Path(out).stat().st_size / 1e6:.2f} MB)"),))
         card = replace(log_documents(result)[0], sections=(Section("", (facts,)),))
-        outputs.show(on_terminal(card))
-    return outputs.ExitCode.IDENTIFIED if result.meets(needed) else outputs.ExitCode.NOT_IDENTIFIED
+        cli.show(on_terminal(card))
+    return cli.ExitCode.IDENTIFIED if result.meets(needed) else cli.ExitCode.NOT_IDENTIFIED

@@ -14,31 +14,9 @@ from typing import Annotated, Any
 import typer
 
 from eivor import checks
+from eivor.cli import outputs as cli
 from eivor.cli import parsing
 from eivor.cli.options import DEFAULT_MODEL, NO_TEXTS, FlightWords, LogWords, parse_pair
-from eivor.cli.outputs import (
-    STANDARD_OUTPUT,
-    ExitCode,
-    JsonOption,
-    Reads,
-    Writes,
-    argument,
-    command,
-    complain,
-    deliver_result,
-    figure_file,
-    flag,
-    group,
-    guarded,
-    log_paths,
-    option,
-    rare_option,
-    show_table,
-    step,
-    with_options,
-    write,
-    write_out,
-)
 from eivor.cli.results import figure_part
 from eivor.errors import CorruptLogError, InputError, UsageError
 from eivor.flights.options import FlightOptions
@@ -127,20 +105,20 @@ def _cause(error: OSError) -> str:
     return error.strerror or str(error)
 
 
-example = group("example", "The example flight that comes with Eivor, and public real logs to try it on.")
+example = cli.group("example", "The example flight that comes with Eivor, and public real logs to try it on.")
 
 
-@command(example, "list")
+@cli.command(example, "list")
 def list_logs() -> None:
     """List the public real logs that can be fetched."""
     logs = public_logs().values()
-    show_table(("name", "what it is", "licence"), ((log.name, log.about, log.licence) for log in logs))
+    cli.show_table(("name", "what it is", "licence"), ((log.name, log.about, log.licence) for log in logs))
 
 
-@command(example)
+@cli.command(example)
 def fetch(
     name: Annotated[
-        str, argument("NAME", "A name out of eivor example list.", "eivor.cli.tools:public_logs")
+        str, cli.argument("NAME", "A name out of eivor example list.", "eivor.cli.tools:public_logs")
     ],
 ) -> None:
     """Download a public real log, check it, and print its path. A second time it works without a network.
@@ -153,13 +131,13 @@ def fetch(
     import pooch
 
     folder = Path(os.environ.get(CACHE_VARIABLE) or pooch.os_cache("eivor")).expanduser()
-    with step(f"Downloading {log.file_name}"):
+    with cli.step(f"Downloading {log.file_name}"):
         path = fetched(log, folder=folder)
-    write(f"{path}\n")
+    cli.write(f"{path}\n")
 
 
-@guarded
-@with_options(
+@cli.guarded
+@cli.with_options(
     LogWords,
     FlightWords,
     only=(
@@ -169,12 +147,15 @@ def fetch(
 )
 def inspect(
     log: Annotated[
-        str, argument("LOG", "One log, as of eivor identify; LOG@START:END takes a window."), Reads(log_paths)
+        str,
+        cli.argument("LOG", "One log, as of eivor identify; LOG@START:END takes a window."),
+        cli.Reads(cli.log_paths),
     ] = "",
     *,
-    json: JsonOption = "",
+    json: cli.JsonOption = "",
     calibration: Annotated[
-        bool, flag("--calibration", "List what kinematics says of the sensors: clocks, scales, biases, axes.")
+        bool,
+        cli.flag("--calibration", "List what kinematics says of the sensors: clocks, scales, biases, axes."),
     ] = False,
     **given: Any,
 ) -> None:
@@ -184,30 +165,30 @@ def inspect(
     (motion,) = motions = parsing.named_motions(model, logs.vehicle, logs.machine)
     options = parsing.flight_options(motions, parsing.words_of(FlightWords, given))
     (recording,), (window,) = parsing.read_logs(logs, options)
-    with step(f"Inspecting {recording.name}"):
+    with cli.step(f"Inspecting {recording.name}"):
         part = options if window is None else replace(options, window=window)
         inspected = inspection.inspection(recording, part, motion)
     made = inspection.calibration_document if calibration else inspection.inspection_document
-    deliver_result(
+    cli.deliver_result(
         lambda: on_terminal(made(inspected)), lambda: json_text(inspection.inspection_json(inspected)), json
     )
 
 
-@guarded
+@cli.guarded
 def plan(
     source: Annotated[
         str,
-        argument(
+        cli.argument(
             "[FIT.json]",
             "A result (eivor identify LOG --json FIT.json), refused ones included. Without it the options "
             "below have a vehicle's rough numbers.",
         ),
-        Reads(),
+        cli.Reads(),
     ] = "",
     *,
     for_what: Annotated[
         str,
-        option(
+        cli.option(
             "NAME",
             "friction, gain or lag (default: what the result could not identify); of a machine a parameter "
             "(default: all together).",
@@ -215,39 +196,43 @@ def plan(
             values_of="eivor.planning.plan:TARGETS",
         ),
     ] = "",
-    hover: Annotated[float | None, rare_option("SHARE", "Input at hover, of full input (0.5).")] = None,
-    friction: Annotated[float | None, rare_option("1/S", "A guess of the friction (0.3).")] = None,
-    lag: Annotated[float | None, rare_option("MS", "A guess of lag and delay together (50).")] = None,
-    gusts: Annotated[float | None, rare_option("M/S", "Vertical gusts, standard deviation (0.3).")] = None,
-    height: Annotated[str, option("LOW:HIGH", "Heights above take-off [m].")] = "3:8",
-    speed: Annotated[float, option("M/S", "Largest climb and sink rate.")] = 2.0,
-    acceleration: Annotated[float, rare_option("M/S2", "Largest acceleration of the setpoint.")] = 3.0,
-    tilt: Annotated[float, rare_option("DEG", "Tilt beyond which the flight ends.")] = 20.0,
+    hover: Annotated[float | None, cli.rare_option("SHARE", "Input at hover, of full input (0.5).")] = None,
+    friction: Annotated[float | None, cli.rare_option("1/S", "A guess of the friction (0.3).")] = None,
+    lag: Annotated[float | None, cli.rare_option("MS", "A guess of lag and delay together (50).")] = None,
+    gusts: Annotated[
+        float | None, cli.rare_option("M/S", "Vertical gusts, standard deviation (0.3).")
+    ] = None,
+    height: Annotated[str, cli.option("LOW:HIGH", "Heights above take-off [m].")] = "3:8",
+    speed: Annotated[float, cli.option("M/S", "Largest climb and sink rate.")] = 2.0,
+    acceleration: Annotated[float, cli.rare_option("M/S2", "Largest acceleration of the setpoint.")] = 3.0,
+    tilt: Annotated[float, cli.rare_option("DEG", "Tilt beyond which the flight ends.")] = 20.0,
     limit: Annotated[
         list[str],
-        option(
+        cli.option(
             "NAME=SIZE[:RATE[:ACCELERATION]]",
             "Of a machine: how far a channel goes from its mean in the log, and how fast (default: "
             "references and inputs as in the log); several times for several.",
         ),
     ] = NO_TEXTS,
-    time: Annotated[float, option("S", "Length of the flight.")] = 60.0,
+    time: Annotated[float, cli.option("S", "Length of the flight.")] = 60.0,
     shape: Annotated[
         str,
-        option(
+        cli.option(
             "KIND",
             "multisine or steps (default: the better one; of a machine multisine).",
             values_of="eivor.planning.vehicle:KINDS",
         ),
     ] = "",
-    seed: Annotated[int, rare_option("N", "Of phases, step heights and wind.")] = 0,
-    csv: Annotated[str, option("FILE", "Write the setpoints as a table."), Writes()] = "",
-    mavsdk: Annotated[str, option("FILE.py", "Write a MAVSDK program that flies it."), Writes()] = "",
-    qgc: Annotated[str, option("FILE.plan", "Write a QGroundControl plan; steps only."), Writes()] = "",
-    home: Annotated[str, rare_option("LAT,LON", "Place of the QGroundControl plan [deg].")] = "",
-    rotorpy: Annotated[str, rare_option("FILE.py", "Write a trajectory of RotorPy."), Writes()] = "",
-    json: JsonOption = "",
-) -> ExitCode:
+    seed: Annotated[int, cli.rare_option("N", "Of phases, step heights and wind.")] = 0,
+    csv: Annotated[str, cli.option("FILE", "Write the setpoints as a table."), cli.Writes()] = "",
+    mavsdk: Annotated[str, cli.option("FILE.py", "Write a MAVSDK program that flies it."), cli.Writes()] = "",
+    qgc: Annotated[
+        str, cli.option("FILE.plan", "Write a QGroundControl plan; steps only."), cli.Writes()
+    ] = "",
+    home: Annotated[str, cli.rare_option("LAT,LON", "Place of the QGroundControl plan [deg].")] = "",
+    rotorpy: Annotated[str, cli.rare_option("FILE.py", "Write a trajectory of RotorPy."), cli.Writes()] = "",
+    json: cli.JsonOption = "",
+) -> cli.ExitCode:
     """Plan the flight that would identify what another one could not, and say how well it will."""
     lag_s = None if lag is None else 1e-3 * lag
     rough = {"hover": hover, "friction": friction, "lag": lag_s, "gusts": gusts}
@@ -273,25 +258,25 @@ def plan(
             raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
         limits = FlightLimits((low, high), speed, acceleration, tilt, time)
     shape = shape or ("steps" if qgc else "")
-    with step("Planning"):
+    with cli.step("Planning"):
         made = planned(fit or vehicle, target=for_what, limits=limits, shape=shape, seed=seed, seconds=time)
     position = parsing.position_of(home) if home else None
     if isinstance(made, MachinePlan):
         texts = {csv: made.csv_text()} if csv else {}
     else:
         texts = {files[name]: WRITTEN[name].text(made, position) for name in WRITTEN if files.get(name)}
-    deliver_result(
+    cli.deliver_result(
         lambda: on_terminal(plan_document(made)),
         lambda: json_text(plan_json(made)),
         json,
-        *(partial(write_out, text, path) for path, text in texts.items()),
+        *(partial(cli.write_out, text, path) for path, text in texts.items()),
     )
     if not made.is_informative:
-        complain(
+        cli.complain(
             "The plan is not identified in most of its simulations, or by the formula.",
             "Give it more time, or wider limits.",
         )
-    return ExitCode.IDENTIFIED if made.is_informative else ExitCode.NOT_IDENTIFIED
+    return cli.ExitCode.IDENTIFIED if made.is_informative else cli.ExitCode.NOT_IDENTIFIED
 
 
 def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path:
@@ -306,7 +291,7 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
     return Path(source) if source else VehicleGuess(**numbers)
 
 
-NEW_FILE = argument("[FILE.toml]", "Where to; without it, it is printed.")
+NEW_FILE = cli.argument("[FILE.toml]", "Where to; without it, it is printed.")
 
 
 def _shipped_group(
@@ -318,31 +303,31 @@ def _shipped_group(
     text: Callable[[str], str],
     names: str,
 ) -> typer.Typer:
-    app = group(what, about)
-    name_or_file = argument("NAME|FILE.toml", "A name out of the list, or a file.", names)
+    app = cli.group(what, about)
+    name_or_file = cli.argument("NAME|FILE.toml", "A name out of the list, or a file.", names)
 
-    @command(app, "list", f"List the {what}s that come with Eivor.")
+    @cli.command(app, "list", f"List the {what}s that come with Eivor.")
     def list_shipped() -> None:
-        show_table(titles, rows())
+        cli.show_table(titles, rows())
 
-    @command(app, about=f"Check a {what}'s file, and print it.")
-    def show(file: Annotated[str, Reads()] = name_or_file) -> None:
+    @cli.command(app, about=f"Check a {what}'s file, and print it.")
+    def show(file: Annotated[str, cli.Reads()] = name_or_file) -> None:
         load(file)
-        write(text(file))
+        cli.write(text(file))
 
     return app
 
 
 def _begun(what: str, text: str, file: str) -> None:
-    is_file = file != STANDARD_OUTPUT
+    is_file = file != cli.STANDARD_OUTPUT
     if is_file and Path(file).suffix != ENDING:
         raise UsageError(f"{what} file that ends in {ENDING}", f"'{file}'", "Add the ending.")
     if is_file and os.path.lexists(file):
         received = f"'{file}', which would be lost"
         raise UsageError("a file that does not exist yet", received, "Choose another name.")
-    write_out(text, file)
+    cli.write_out(text, file)
     if is_file:
-        write(f"{file}: fill in what you know\n")
+        cli.write(f"{file}: fill in what you know\n")
 
 
 vehicle = _shipped_group(
@@ -356,8 +341,8 @@ vehicle = _shipped_group(
 )
 
 
-@command(vehicle, "new")
-def new_vehicle(file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT) -> None:
+@cli.command(vehicle, "new")
+def new_vehicle(file: Annotated[str, NEW_FILE, cli.Writes()] = cli.STANDARD_OUTPUT) -> None:
     """Write a vehicle file to begin with: every key, with what it means."""
     _begun("a vehicle", vehicle_files.vehicle_template(), file)
 
@@ -375,13 +360,13 @@ machine = _shipped_group(
 )
 
 
-@command(machine, "new")
+@cli.command(machine, "new")
 def new_machine(
-    file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT,
+    file: Annotated[str, NEW_FILE, cli.Writes()] = cli.STANDARD_OUTPUT,
     *,
     like: Annotated[
         str,
-        option(
+        cli.option(
             "NAME",
             "The shipped machine to begin with.",
             values_of="eivor.motions.declaration:shipped_machines",
@@ -393,67 +378,69 @@ def new_machine(
     _begun("a machine", machine_text(like), file)
 
 
-def track(typed: SimpleNamespace) -> ExitCode:
+def track(typed: SimpleNamespace) -> cli.ExitCode:
     """Do what `eivor.cli.identify.track` declares."""
     motions = parsing.named_motions("" if typed.machine else DEFAULT_MODEL, machine=typed.machine)
-    picture, bias = figure_file(typed.figure), typed.accelerometer_bias
+    picture, bias = cli.figure_file(typed.figure), typed.accelerometer_bias
     words = parsing.words_of(FlightWords, vars(typed) | {"accelerometer_bias": None})
     options = parsing.flight_options(motions, words)
     if bias is not None:
         options = replace(options, accelerometer_bias=bias)
     logs = parsing.words_of(LogWords, vars(typed) | {"logs": [typed.log] if typed.log else None})
     result = parsing.pooled_result(motions, options, logs)
-    with step("Following it over the log"):
+    with cli.step("Following it over the log"):
         tracked = tracked_parameter(result.first, typed.memory, typed.parameter)
-    deliver_result(
+    cli.deliver_result(
         lambda: on_terminal(track_document(tracked)),
         lambda: json_text(track_json(tracked)),
         typed.json,
         figure_part(picture, lambda: track_figure(tracked)),
     )
-    return ExitCode.IDENTIFIED if tracked.precise_moments else ExitCode.NOT_IDENTIFIED
+    return cli.ExitCode.IDENTIFIED if tracked.precise_moments else cli.ExitCode.NOT_IDENTIFIED
 
 
-def validate(typed: SimpleNamespace) -> ExitCode:
+def validate(typed: SimpleNamespace) -> cli.ExitCode:
     """Do what `eivor.cli.identify.validate` declares."""
-    picture = figure_file(typed.figure)
+    picture = cli.figure_file(typed.figure)
     options = FlightOptions(window=parsing.parse_window(typed.window) if typed.window else None)
     fits = load_fits(typed.fit)
     result = fit_among(fits, typed.model, preferred=tuple(fits))
     others = [name for name, other in fits.items() if other is not result and other.estimated is not None]
     if others and not typed.model:
-        complain(f"compared is the first motion of {typed.fit.name}; others: --model {' or '.join(others)}")
+        cli.complain(
+            f"compared is the first motion of {typed.fit.name}; others: --model {' or '.join(others)}"
+        )
     if result.document.prediction is not None:
         _ = result.motion  # whose channels the log may have
     logs = LogWords(logs=[typed.log], channel_map=typed.channel_map)
     (recording,), (own_window,) = parsing.read_logs(logs, options)
-    with step(f"Predicting {recording.name}"):
+    with cli.step(f"Predicting {recording.name}"):
         window = own_window or options.window
         validation = validated(result, recording, window=window, max_tilt_deg=typed.max_tilt)
-    deliver_result(
+    cli.deliver_result(
         lambda: on_terminal(validation_document(validation)),
         validation.to_json,
         typed.json,
         figure_part(picture, validation.plot),
     )
-    return ExitCode.IDENTIFIED if validation.agrees else ExitCode.NOT_IDENTIFIED
+    return cli.ExitCode.IDENTIFIED if validation.agrees else cli.ExitCode.NOT_IDENTIFIED
 
 
-def frequency_response(typed: SimpleNamespace) -> ExitCode:
+def frequency_response(typed: SimpleNamespace) -> cli.ExitCode:
     """Do what `eivor.cli.identify.frequency_response` declares."""
-    picture = figure_file(typed.figure)
+    picture = cli.figure_file(typed.figure)
     declared_machine = load_machine(typed.machine) if typed.machine else None
     paths = frequency_responses.response_paths(typed.axis, declared_machine)
     motions, words = tuple(path.motion for path in paths.values()), parsing.words_of(FlightWords, vars(typed))
     options = parsing.flight_options(motions, words)
     recordings, windows = parsing.read_logs(parsing.words_of(LogWords, vars(typed)), options)
-    with step("Estimating the frequency response"):
+    with cli.step("Estimating the frequency response"):
         results = frequency_responses.log_responses(recordings, options, windows, paths, typed.reference)
-    deliver_result(
+    cli.deliver_result(
         lambda: on_terminal(*map(frequency_responses.response_document, results)),
         lambda: json_text(frequency_responses.responses_json(results)),
         typed.json,
         figure_part(picture, lambda: frequency_responses.response_figure(results)),
     )
     any_shown = any(item.response.is_shown.any() and not item.response.is_provisional for item in results)
-    return ExitCode.IDENTIFIED if any_shown else ExitCode.NOT_IDENTIFIED
+    return cli.ExitCode.IDENTIFIED if any_shown else cli.ExitCode.NOT_IDENTIFIED

@@ -11,7 +11,7 @@ from rich.console import Group, JustifyMethod, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from eivor.cli import outputs
+from eivor.cli import outputs as cli
 from eivor.cli.options import DEFAULT_MODEL, NO_TEXTS, FlightWords
 from eivor.cli.parsing import flight_options, named_motions
 from eivor.dask_executor import DaskCluster
@@ -37,68 +37,68 @@ if TYPE_CHECKING:
 #: Letters of a cell on the terminal; in a CSV cells are whole.
 LONGEST_CELL = 160
 
-app = outputs.group(
+app = cli.group(
     "fleet", "Whole fleets: thousands of logs, one row for each flight, one answer for each vehicle."
 )
 
 FleetArgument = Annotated[
-    str, outputs.argument("FLEET", "Folder of eivor fleet run."), outputs.Reads(outputs.fleet_paths)
+    str, cli.argument("FLEET", "Folder of eivor fleet run."), cli.Reads(cli.fleet_paths)
 ]
 
 
-@outputs.command(app, "run")
-@outputs.with_options(FlightWords, only=("input_channel", "input_map", "max_tilt"))
+@cli.command(app, "run")
+@cli.with_options(FlightWords, only=("input_channel", "input_map", "max_tilt"))
 def run_command(
     logs: Annotated[
         str,
-        outputs.argument(
+        cli.argument(
             "FOLDER|GLOB|LIST",
             "A folder of logs, a pattern such as 'logs/**/*.ulg', or a list: a .txt with a path in each "
             "line, a .csv with a column 'path'. Or an address such as s3://bucket/logs.",
         ),
-        outputs.Reads(),
+        cli.Reads(),
     ],
     *,
     out: Annotated[
         str,
-        outputs.option("FLEET", "Folder of the fleet, new or begun before.", "-o", "--out"),
-        outputs.Writes(outputs.FLEET_FILES),
+        cli.option("FLEET", "Folder of the fleet, new or begun before.", "-o", "--out"),
+        cli.Writes(cli.FLEET_FILES),
     ],
-    model: outputs.ModelOption = "",
-    vehicle: outputs.VehicleOption = "",
+    model: cli.ModelOption = "",
+    vehicle: cli.VehicleOption = "",
     channel_map: Annotated[
         list[str],
-        outputs.option(
+        cli.option(
             "PATTERN=MAP",
             "Channel map of the logs whose name fits a pattern, such as 'lab/*.csv=lab.toml'; again for "
             "more. Without, a shipped map whose columns all match.",
             "--map",
         ),
-        outputs.Reads(lambda text: [Path(text.rpartition("=")[2])]),
+        cli.Reads(lambda text: [Path(text.rpartition("=")[2])]),
     ] = NO_TEXTS,
     vehicle_from: Annotated[
         str,
-        outputs.option(
+        cli.option(
             "PATTERN|COLUMN",
             "Whose log it is: a pattern of its path such as '{vehicle}/*.ulg' or '{type}/{vehicle}/*', "
             "or a column of the list or of the logs. Default: the board's unique id.",
         ),
     ] = "",
-    workers: outputs.WorkersOption = None,
+    workers: cli.WorkersOption = None,
     dask: Annotated[
         str,
-        outputs.rare_option(
+        cli.rare_option(
             "ADDRESS",
             "Use the workers of a Dask scheduler, such as tcp://host:8786; they see the same folders.",
         ),
     ] = "",
     reports: Annotated[
-        bool, outputs.flag("--reports", "Write a page of each flight, to which eivor fleet report links.")
+        bool, cli.flag("--reports", "Write a page of each flight, to which eivor fleet report links.")
     ] = False,
-    log_time: Annotated[float, outputs.rare_option("S", "Longest time for one log, in seconds.")] = 600.0,
-    log_memory: Annotated[float, outputs.rare_option("GB", "Most memory for one log, in GB.")] = 4.0,
+    log_time: Annotated[float, cli.rare_option("S", "Longest time for one log, in seconds.")] = 600.0,
+    log_memory: Annotated[float, cli.rare_option("GB", "Most memory for one log, in GB.")] = 4.0,
     **given: Any,
-) -> outputs.ExitCode:
+) -> cli.ExitCode:
     """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
@@ -111,15 +111,15 @@ def run_command(
         vehicle_from=vehicle_from,
         limits=Limits(log_time, log_memory),
     )
-    with outputs.step(f"Looking for logs in {logs}"):
+    with cli.step(f"Looking for logs in {logs}"):
         result = logs_found(logs)
-    outputs.keep_inputs(
+    cli.keep_inputs(
         f"the logs of {logs}", (Path(log.path) for log in result.logs if not is_address(log.path))
     )
     useful = useful_workers(workers, len(result.logs))
     local = LocalThreads(useful) if useful > 1 else InProcess()
     try:
-        with outputs.progress_bar("flights") as progress:
+        with cli.progress_bar("flights") as progress:
             done = run_fleet(
                 result,
                 path_of(out),
@@ -131,10 +131,10 @@ def run_command(
             )
     except KeyboardInterrupt:
         kept = f"Rows that were written are in {out}. Run the same command again to go on."
-        outputs.complain("interrupted", kept)
-        return outputs.ExitCode.INTERRUPTED
-    outputs.show(_report(done, out))
-    return outputs.ExitCode.IDENTIFIED
+        cli.complain("interrupted", kept)
+        return cli.ExitCode.INTERRUPTED
+    cli.show(_report(done, out))
+    return cli.ExitCode.IDENTIFIED
 
 
 def _report(done: FleetRun, out: str) -> RenderableType:
@@ -155,7 +155,7 @@ def _report(done: FleetRun, out: str) -> RenderableType:
     )
 
 
-@outputs.command(app)
+@cli.command(app)
 def query(
     fleet: FleetArgument,
     what: Annotated[
@@ -163,58 +163,58 @@ def query(
         typer.Argument(
             metavar="[WHAT]",
             help="verdicts, vehicles, failed, refused, copies, or the name of a quantity.",
-            autocompletion=outputs.completion(values_of="eivor.fleet.analysis:QUERIES"),
+            autocompletion=cli.completion(values_of="eivor.fleet.analysis:QUERIES"),
         ),
     ] = "verdicts",
     *,
     csv: Annotated[
-        str, outputs.option("FILE", "Write the answer as CSV; - for standard output."), outputs.Writes()
+        str, cli.option("FILE", "Write the answer as CSV; - for standard output."), cli.Writes()
     ] = "",
 ) -> None:
     """Ask a fleet's table what is asked most often."""
     answer = answer_of(read_flights(path_of(fleet)), what)
-    if csv != outputs.STANDARD_OUTPUT:
-        outputs.show(_table(answer))
+    if csv != cli.STANDARD_OUTPUT:
+        cli.show(_table(answer))
     if csv:
-        outputs.write_out(answer.write_csv(), csv)
+        cli.write_out(answer.write_csv(), csv)
 
 
-@outputs.command(app)
+@cli.command(app)
 def compact(fleet: FleetArgument) -> None:
     """Put a fleet's rows into few files with the same columns, as every run does at its end."""
-    with outputs.step("Putting rows together"):
+    with cli.step("Putting rows together"):
         rows, files = compact_fleet(path_of(fleet))
-    outputs.show(Text(f"{rows} rows in {files} {'file' if files == 1 else 'files'}"))
+    cli.show(Text(f"{rows} rows in {files} {'file' if files == 1 else 'files'}"))
 
 
-@outputs.command(app)
+@cli.command(app)
 def report(
     fleet: FleetArgument,
     *,
     covariates: Annotated[
         str,
-        outputs.option(
+        cli.option(
             "FILE",
             "What you know of flights and logs do not, a CSV such as name,mass: changes that it "
             "explains are not identified as changes of the vehicle.",
         ),
-        outputs.Reads(),
+        cli.Reads(),
     ] = "",
-    json: outputs.JsonOption = "",
+    json: cli.JsonOption = "",
     html: Annotated[
-        str, outputs.option("FILE", "Write one page that opens anywhere, FILE.html."), outputs.Writes()
+        str, cli.option("FILE", "Write one page that opens anywhere, FILE.html."), cli.Writes()
     ] = "",
 ) -> None:
     """Pool flights by vehicle and type: means, what the next flight will be, what changes and deviates."""
     given = given_covariates(Path(covariates)) if covariates else None
-    with outputs.step("Pooling"):
+    with cli.step("Pooling"):
         reports = fleet_reports(path_of(fleet), given)
     title = path_of(fleet).resolve().name
 
     def write_page() -> None:
-        outputs.write_out(fleet_page(reports, title, flight_links(path_of(fleet), Path(html))), html)
+        cli.write_out(fleet_page(reports, title, flight_links(path_of(fleet), Path(html))), html)
 
-    outputs.deliver_result(
+    cli.deliver_result(
         lambda: on_terminal(*(fleet_document(report, title) for report in reports)),
         lambda: json_text(fleet_json(reports)),
         json,
