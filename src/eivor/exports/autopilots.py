@@ -11,14 +11,7 @@ import numpy as np
 from eivor.errors import UsageError
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments
 from eivor.inference.verdict import Status
-from eivor.motions.vertical.model import (
-    DECLARE,
-    MOT_THST_EXPO,
-    THR_MDL_FAC,
-    AutopilotParameter,
-    family_of,
-    proposed,
-)
+from eivor.motions.vertical import model as vertical
 from eivor.signals.channels import CurveSide
 from eivor.signals.thrust_map import InputMap, Mixed, Power
 
@@ -31,8 +24,8 @@ class Autopilot:
     """What an autopilot calls hover and thrust curve."""
 
     name: str
-    hover: AutopilotParameter
-    curve: AutopilotParameter
+    hover: vertical.AutopilotParameter
+    curve: vertical.AutopilotParameter
     not_of: tuple[str, ...]
 
 
@@ -87,7 +80,7 @@ def _proposed(fitted: Fitted, autopilot: Autopilot) -> Proposed:
     if fitted.curve_side is CurveSide.UNKNOWN:
         reason = (
             f"the result does not say whether '{fitted.input}' is before or behind the autopilot's thrust "
-            f"curve. Identify the log again. {DECLARE}"
+            f"curve. Identify the log again. {vertical.DECLARE}"
         )
         return {}, dict.fromkeys(names, reason)
     if hover is None:
@@ -95,9 +88,9 @@ def _proposed(fitted: Fitted, autopilot: Autopilot) -> Proposed:
     before = fitted.curve_side is CurveSide.BEFORE
     reasons = list(_against(fitted, autopilot, curve))
     if curve is not None and not reasons:
-        share, thrust = proposed(
+        share, thrust = vertical.proposed(
             autopilot.curve,
-            family_of(fitted.input_map),
+            vertical.family_of(fitted.input_map),
             (curve.value, curve.interval),
             (hover.value, hover.interval),
             fitted.curve_in_force[autopilot.curve.name] if before else None,
@@ -132,7 +125,10 @@ def _against(fitted: Fitted, autopilot: Autopilot, curve: Number | None) -> Iter
 
 
 PX4 = Autopilot(
-    "PX4", AutopilotParameter("MPC_THR_HOVER", "PX4", 0.1, 0.8, HOVER_WORDS), THR_MDL_FAC, ("dataflash",)
+    "PX4",
+    vertical.AutopilotParameter("MPC_THR_HOVER", "PX4", 0.1, 0.8, HOVER_WORDS),
+    vertical.THR_MDL_FAC,
+    ("dataflash",),
 )
 #: MAVLink's type of a 32-bit float, and who is addressed: the vehicle and its autopilot.
 REAL32, VEHICLE, COMPONENT = 9, 1, 1
@@ -153,8 +149,8 @@ def single(value: float) -> str:
 #: MOT_THST_HOVER is documented from 0.2 to 0.8, and the motors' library uses no more than 0.6875 of it.
 ARDUPILOT = Autopilot(
     "ArduPilot",
-    AutopilotParameter("MOT_THST_HOVER", "ArduPilot", 0.2, 0.6875, HOVER_WORDS),
-    MOT_THST_EXPO,
+    vertical.AutopilotParameter("MOT_THST_HOVER", "ArduPilot", 0.2, 0.6875, HOVER_WORDS),
+    vertical.MOT_THST_EXPO,
     ("ulog",),
 )
 
@@ -173,7 +169,7 @@ PARAMETERS = frozenset(item.name for pilot in (PX4, ARDUPILOT) for item in (pilo
 class ParameterChange:
     """A parameter that a log has, beside what a result says of it."""
 
-    parameter: AutopilotParameter
+    parameter: vertical.AutopilotParameter
     quantity: str  # What it is made of
     old: float
     new: Number | None  # What an export would set; None of what is not identified

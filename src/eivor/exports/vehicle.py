@@ -16,14 +16,8 @@ from eivor.errors import NotIdentifiedError, ParameterError, UsageError
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, listed
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.inference.distributions import normal_quantile
+from eivor.motions.rigid_body import physical_parameters as physical
 from eivor.motions.rigid_body.dynamics import Coefficients, coefficients_of
-from eivor.motions.rigid_body.physical_parameters import (
-    TILTING,
-    Combinations,
-    Formula,
-    differs_from_zero,
-    physical_parameters,
-)
 from eivor.motions.rigid_body.regression import PRODUCT
 from eivor.motions.rigid_body.vehicle import (
     NO_BODY_UNCERTAINTY,
@@ -307,8 +301,8 @@ PHYSICAL = (*INERTIAS, *DRAGS, "torque_ratio")
 #: Left out where a flight does not distinguish them from zero; a centre of mass may lie on any side.
 FURTHER = (*CENTRE, *TORQUES, *QUADRATIC, *BEYOND)
 #: In the mean of what the drag along y turns about x, and the drag along x about y.
-_HEIGHT = Formula(
-    f"0.5 * ({TILTING['roll']} * roll_by_drag_y / drag_y - {TILTING['pitch']} * pitch_by_drag_x / drag_x)"
+_HEIGHT = physical.Formula(
+    "0.5 * ({roll} * roll_by_drag_y / drag_y - {pitch} * pitch_by_drag_x / drag_x)".format(**physical.TILTING)
 )
 
 
@@ -322,7 +316,7 @@ def _parts(
     if fitted.model == RIGID_BODY:
         mass, speed = (KnownNumber(given[name].value, _std(given[name])) for name in ("mass", "speed_scale"))
         known = replace(vehicle, mass=mass, speed_scale=speed)
-        implied = physical_parameters(_identified(fitted), known)
+        implied = physical.physical_parameters(_identified(fitted), known)
         for name in (*PHYSICAL, *FURTHER):
             number, formula = implied.numbers[name], implied.formulas[name]
             value, interval = number.value, number.interval
@@ -352,7 +346,7 @@ def _parts(
 
 
 def _left_out(
-    fitted: Fitted, words: str, formula: Formula, interval: tuple[float, float] | None
+    fitted: Fitted, words: str, formula: physical.Formula, interval: tuple[float, float] | None
 ) -> Iterator[str]:
     if interval is not None:
         yield f"{words}: below {max(interval[1], 0.0):.3g}, left out"
@@ -385,16 +379,16 @@ def _height(fitted: Fitted, known: KnownVehicle) -> dict[str, SimulatorNumber]:
         return {}
     height = identified.value(_HEIGHT, known)
     number = Number(height.value, height.interval, fitted.source(*_HEIGHT.needed))
-    at_hand = differs_from_zero(height.interval)
+    at_hand = physical.differs_from_zero(height.interval)
     return {HEIGHT: SimulatorNumber(number, _HEIGHT.expression.evaluate)} if at_hand else {}
 
 
-def _identified(fitted: Fitted) -> Combinations:
+def _identified(fitted: Fitted) -> physical.Combinations:
     if fitted.joint is None:
         nothing = JointCovariance((CovariancePart("nothing", np.empty((0, 0))),))
-        return Combinations((), JointEstimate(np.empty(0), nothing))
+        return physical.Combinations((), JointEstimate(np.empty(0), nothing))
     names = frozenset(name for name in fitted.names if fitted.is_identified(name))
-    return Combinations(fitted.names, fitted.joint).only(names).reaching(fitted.quantities)
+    return physical.Combinations(fitted.names, fitted.joint).only(names).reaching(fitted.quantities)
 
 
 # -- Quad x --

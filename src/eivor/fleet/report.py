@@ -13,19 +13,7 @@ from urllib.parse import quote
 import numpy as np
 import polars as pl
 
-from eivor.fleet.analysis import (
-    DRIFTS,
-    ONLY,
-    SHARE,
-    SINGLE,
-    STEPS,
-    UNKNOWN,
-    VEHICLE,
-    FleetReport,
-    flight_interval,
-    is_share,
-    omission_reason,
-)
+from eivor.fleet import analysis as fleet
 from eivor.fleet.table import report_path, reports_there
 from eivor.flights.quantity import AcrossFlights, QuantitySpec
 from eivor.inference.random_effects import FEW
@@ -46,7 +34,7 @@ MOST = 20
 FAR = 20.0
 
 
-def _across_of_row(report: FleetReport, row: Row) -> AcrossFlights:
+def _across_of_row(report: fleet.FleetReport, row: Row) -> AcrossFlights:
     return next(quantity for quantity in report.quantities if quantity.name == row["quantity"])
 
 
@@ -66,12 +54,12 @@ def mean_text(row: Row, wording: QuantitySpec) -> tuple[str, str]:
     """Mean and interval of a vehicle or type; of a single flight its own, with a mark."""
     if not _is_of_one_flight(row):
         return interval_text(row, wording, ("mean", "low", "high"))
-    value, interval = interval_text(row, wording, ("mean", *ONLY))
+    value, interval = interval_text(row, wording, ("mean", *fleet.ONLY))
     return value, f"{interval} †"
 
 
 def _is_of_one_flight(row: Row) -> bool:
-    return all(row.get(name) is not None for name in ONLY)
+    return all(row.get(name) is not None for name in fleet.ONLY)
 
 
 def _two_digits(number: float) -> str:
@@ -104,18 +92,18 @@ def few_footnote(rows: Sequence[Row], members: str) -> Iterator[str]:
         yield f"* of fewer than {FEW} {members}: take it with care."
 
 
-def report_changes(report: FleetReport) -> list[str]:
+def report_changes(report: fleet.FleetReport) -> list[str]:
     """Return a sentence about each vehicle that changes, the clearest first."""
-    changing = report.vehicles.filter(pl.col("course").is_in([DRIFTS, STEPS]))
+    changing = report.vehicles.filter(pl.col("course").is_in([fleet.DRIFTS, fleet.STEPS]))
     rows = sorted(changing.iter_rows(named=True), key=lambda row: min(row["change_p"], row["step_p"]))
     return _at_most([_change(report, row) for row in rows], "vehicles and quantities change")
 
 
-def _change(report: FleetReport, row: Row) -> str:
+def _change(report: fleet.FleetReport, row: Row) -> str:
     across = _across_of_row(report, row)
     words = report.motion.quantities[across.name].words
     who = f"{row['vehicle']}: the {words}"
-    if row["course"] == DRIFTS:
+    if row["course"] == fleet.DRIFTS:
         effect = _effect(report, across, row, "change")
         return f"{who} drifts by {effect} over {row['hours']:.3g} flight hours."
     when = f" ({row['step_start']:%Y-%m-%d})" if row["step_start"] else ""
@@ -127,7 +115,7 @@ def _change(report: FleetReport, row: Row) -> str:
     )
 
 
-def _effect(report: FleetReport, across: AcrossFlights, row: Row, name: str) -> str:
+def _effect(report: fleet.FleetReport, across: AcrossFlights, row: Row, name: str) -> str:
     wording = report.motion.quantities[across.name]
     scale, unit = (100.0, " %") if across.logarithm else (wording.scale, f" {wording.shown_unit}".rstrip())
     value, low, high = _scaled(row, (name, f"{name}_low", f"{name}_high"), scale)
@@ -135,7 +123,7 @@ def _effect(report: FleetReport, across: AcrossFlights, row: Row, name: str) -> 
     return f"{value_text}{unit} {interval}"
 
 
-def _report_differences(report: FleetReport) -> list[str]:
+def _report_differences(report: fleet.FleetReport) -> list[str]:
     rows = report.vehicles.filter(report.vehicles["differs"]).sort("differs_p").iter_rows(named=True)
     selected = []
     for row in rows:
@@ -149,7 +137,7 @@ def _report_differences(report: FleetReport) -> list[str]:
     return _at_most(selected, "vehicles differ")
 
 
-def _report_omitted(report: FleetReport) -> list[str]:
+def _report_omitted(report: fleet.FleetReport) -> list[str]:
     return [
         f"{report.motion.quantities[row['quantity']].words}: {row['flights']} "
         f"{'flight' if row['flights'] == 1 else 'flights'}; {row['reason']}."
@@ -157,7 +145,7 @@ def _report_omitted(report: FleetReport) -> list[str]:
     ]
 
 
-def report_covariates(report: FleetReport) -> list[str]:
+def report_covariates(report: fleet.FleetReport) -> list[str]:
     """Return which slopes the flights reported, which were taken as expected, and what is not known."""
     selected = []
     for row in report.covariates.iter_rows(named=True):
@@ -202,17 +190,19 @@ MOST_VEHICLES = 30
 FOREST, LINES = "forest", "lines"
 
 
-def fleet_document(report: FleetReport, title: str, links: Mapping[str, str] | None = None) -> doc.Document:
+def fleet_document(
+    report: fleet.FleetReport, title: str, links: Mapping[str, str] | None = None
+) -> doc.Document:
     """Document of a fleet's report."""
     return doc.Document(title, about_fleet(report), tuple(_sections(report, links)))
 
 
-def about_fleet(report: FleetReport) -> str:
+def about_fleet(report: fleet.FleetReport) -> str:
     """How many logs, vehicles and types there are."""
     flights = report.flights
-    known = flights.filter(~pl.col(SINGLE))
-    vehicles = _count(known.select(VEHICLE).n_unique(), "vehicle")
-    types = _count(known.filter(pl.col("type") != UNKNOWN)["type"].n_unique(), "type")
+    known = flights.filter(~pl.col(fleet.SINGLE))
+    vehicles = _count(known.select(fleet.VEHICLE).n_unique(), "vehicle")
+    types = _count(known.filter(pl.col("type") != fleet.UNKNOWN)["type"].n_unique(), "type")
     text = f"{report.motion.words.title}: {_count(report.logs['logs'], 'log')}"
     if copies := report.logs["copies"]:
         text += ", 1 of them a copy" if copies == 1 else f", {copies} of them copies"
@@ -228,7 +218,7 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number:,} {what}s"
 
 
-def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[doc.Section]:
+def _sections(report: fleet.FleetReport, links: Mapping[str, str] | None) -> Iterator[doc.Section]:
     if not report.vehicles.height:
         yield doc.Section(
             "Nothing to pool", doc.bullets(["No flight identifies a quantity with a standard error."])
@@ -246,7 +236,7 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
     notes = list(few_footnote(vehicles, "flights"))
     if any(map(_is_of_one_flight, vehicles)):
         notes.append("† of its only flight: how much flights differ is not in it.")
-    if report.flights[SINGLE].any():
+    if report.flights[fleet.SINGLE].any():
         notes.append(
             "A log without a vehicle id stands alone under its own name, and counts for no type. "
             "eivor fleet run --vehicle-from says which vehicle each log is of."
@@ -268,7 +258,7 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
 
 def vehicles_to_report(vehicles: pl.DataFrame) -> pl.DataFrame:
     """Vehicles by what is noticed of them: those that change or differ first."""
-    noticed = pl.col("course").is_in([DRIFTS, STEPS]) | pl.col("differs")
+    noticed = pl.col("course").is_in([fleet.DRIFTS, fleet.STEPS]) | pl.col("differs")
     by_vehicle = vehicles.group_by("type", "vehicle", maintain_order=True).agg(noticed.any().alias("noticed"))
     return by_vehicle.sort("noticed", descending=True, maintain_order=True)
 
@@ -279,7 +269,9 @@ def linked(name: str, sha256: str, links: Mapping[str, str]) -> doc.Cell:
     return doc.Cell(name, "no report of its own" if links and not link else "", link=link)
 
 
-def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[doc.TableOf | doc.Bullets]:
+def _deviating(
+    report: fleet.FleetReport, links: Mapping[str, str] | None
+) -> Iterator[doc.TableOf | doc.Bullets]:
     cells = []
     for row in report.deviating.head(MOST).iter_rows(named=True):
         wording = report.motion.quantities[row["quantity"]]
@@ -299,9 +291,9 @@ def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator
         yield doc.Bullets((f"{report.deviating.height} flights and quantities deviate; the JSON has all.",))
 
 
-def _members(report: FleetReport, rows: Sequence[Row], of: str) -> doc.TableOf:
+def _members(report: fleet.FleetReport, rows: Sequence[Row], of: str) -> doc.TableOf:
     """Types of vehicles, or vehicles of flights; each is named in the first of its rows."""
-    key = ("type",) if of == "vehicle" else VEHICLE
+    key = ("type",) if of == "vehicle" else fleet.VEHICLE
     columns: list[str | doc.TableColumn] = [
         doc.TableColumn(key[-1], strong=True),
         "quantity",
@@ -332,12 +324,12 @@ def _members(report: FleetReport, rows: Sequence[Row], of: str) -> doc.TableOf:
     return doc.table(columns, cells)
 
 
-def fleet_json(reports: Sequence[FleetReport]) -> dict[str, Json]:
+def fleet_json(reports: Sequence[fleet.FleetReport]) -> dict[str, Json]:
     """Document of the reports of a fleet, one for each motion; numbers are in SI units."""
     return document("eivor.fleet_report/1", motions=[_motion_json(report) for report in reports])
 
 
-def _motion_json(report: FleetReport) -> dict[str, Json]:
+def _motion_json(report: fleet.FleetReport) -> dict[str, Json]:
     return {
         "motion": report.motion.name,
         **report.logs,
@@ -370,7 +362,7 @@ MOST_ROWS, MOST_LINES = 40, 8
 NO_REPORTS = "Flights have no reports of their own here; eivor fleet run --reports makes them."
 
 
-def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, str]) -> str:
+def fleet_page(reports: Sequence[fleet.FleetReport], title: str, links: Mapping[str, str]) -> str:
     """HTML page of a fleet, without anything to fetch."""
     figures, motions = Figures(0), []
     for report in reports:
@@ -384,12 +376,12 @@ def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, s
     return whole_page(f"{title}: fleet", body, {"result": fleet_json(reports), "charts": figures.charts})
 
 
-def _forests(report: FleetReport) -> Iterator[plots.Picture]:
-    chosen = vehicles_to_report(report.vehicles).head(MOST_ROWS).select(VEHICLE)
+def _forests(report: fleet.FleetReport) -> Iterator[plots.Picture]:
+    chosen = vehicles_to_report(report.vehicles).head(MOST_ROWS).select(fleet.VEHICLE)
     several = report.vehicles["type"].n_unique() > 1
     for across in report.quantities:
         mine = pl.col("quantity") == across.name
-        rows = report.vehicles.filter(mine).join(chosen, on=VEHICLE, how="semi", maintain_order="left")
+        rows = report.vehicles.filter(mine).join(chosen, on=fleet.VEHICLE, how="semi", maintain_order="left")
         wording = report.motion.quantities[across.name]
         types = report.types.filter(mine).sort("type").head(MOST_ROWS)
         drawn = [
@@ -402,7 +394,7 @@ def _forests(report: FleetReport) -> Iterator[plots.Picture]:
 def _forest_row(row: Row, wording: QuantitySpec, *, several: bool = False) -> plots.PlottedInterval:
     """A vehicle, with its type where there are several, or a type."""
     label = row.get("vehicle") or f"type {row['type']}"
-    ends = ONLY if None in (row["low"], row["high"]) and "vehicle" in row else ("low", "high")
+    ends = fleet.ONLY if None in (row["low"], row["high"]) and "vehicle" in row else ("low", "high")
     value, low, high = _scaled(row, ("mean", *ends), wording.scale)
     pieces = () if math.isnan(low) or math.isnan(high) else ((low, high),)
     numbers = " ".join(dict.fromkeys(mean_text(row, wording)))
@@ -410,27 +402,27 @@ def _forest_row(row: Row, wording: QuantitySpec, *, several: bool = False) -> pl
     return plots.PlottedInterval(label, value, pieces, numbers, None, "vehicle" not in row)
 
 
-def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[plots.Picture]:
-    chosen = vehicles_to_report(report.vehicles).head(MOST_LINES).select(VEHICLE)
-    shares = (is_share(across).name.suffix(f".{across.name}") for across in report.quantities)
+def _over_hours(report: fleet.FleetReport, links: Mapping[str, str]) -> Iterator[plots.Picture]:
+    chosen = vehicles_to_report(report.vehicles).head(MOST_LINES).select(fleet.VEHICLE)
+    shares = (fleet.is_share(across).name.suffix(f".{across.name}") for across in report.quantities)
     rows = report.flights.with_columns(shares)
     for kind, vehicle in chosen.iter_rows():
         of_vehicle = (pl.col("type") == kind) & (pl.col("vehicle") == vehicle)
         flights, means = rows.filter(of_vehicle), report.vehicles.filter(of_vehicle)
         for across in report.quantities:
             row = next(means.filter(pl.col("quantity") == across.name).iter_rows(named=True), None)
-            used = flights.with_columns(pl.col(f"{SHARE}.{across.name}").alias(SHARE))
-            used = used.filter(omission_reason(across, used.columns).is_null())
+            used = flights.with_columns(pl.col(f"{fleet.SHARE}.{across.name}").alias(fleet.SHARE))
+            used = used.filter(fleet.omission_reason(across, used.columns).is_null())
             if row is not None and used.height > 1:
                 yield _line(report, across, row, used, links)
 
 
 def _line(
-    report: FleetReport, across: AcrossFlights, row: Row, used: pl.DataFrame, links: Mapping[str, str]
+    report: fleet.FleetReport, across: AcrossFlights, row: Row, used: pl.DataFrame, links: Mapping[str, str]
 ) -> plots.Picture:
     wording = report.motion.quantities[across.name]
     hours = used["hours"].to_numpy()
-    numbers = used.select(pl.col(f"{across.name}.value"), *flight_interval(across))
+    numbers = used.select(pl.col(f"{across.name}.value"), *fleet.flight_interval(across))
     value, low, high = (wording.scale * number.to_numpy() for number in numbers)
     flights = [linked(name, sha256, links) for name, sha256 in used.select("name", "sha256").iter_rows()]
     symbol = symbol_of(wording)
@@ -456,9 +448,9 @@ def _trend(
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     hours, low, high = drawn
     mean = row["mean"] * scale
-    if row["course"] == STEPS and row["step_hours"] is not None:
+    if row["course"] == fleet.STEPS and row["step_hours"] is not None:
         yield "step", np.full(2, row["step_hours"]), np.array([np.nanmin(low), np.nanmax(high)])
-    elif row["course"] == DRIFTS and row["hours"]:
+    elif row["course"] == fleet.DRIFTS and row["hours"]:
         share = (hours - hours.mean()) / row["hours"]
         change = np.log1p(row["change"]) * share if across.logarithm else row["change"] * scale * share
         yield "drift", hours, mean * np.exp(change) if across.logarithm else mean + change

@@ -14,16 +14,8 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError
+from eivor.logs import channel_map as maps
 from eivor.logs import common
-from eivor.logs.channel_map import (
-    ChannelMap,
-    ChannelRule,
-    Expression,
-    columns_of,
-    load_channel_map,
-    parse_expression,
-    tilt_of_angles,
-)
 from eivor.logs.mapping import channels_by_clock, delay_findings, fitted_rules, listed, looked_for
 from eivor.signals.channels import held_by_default
 from eivor.signals.recording import LARGEST_VALUE, Channel, Finding, Frame, LogOrigin, Recording
@@ -49,13 +41,13 @@ class VariableSource:
     """One place where a quantity may be."""
 
     quantity: str
-    rules: tuple[ChannelRule, ...]
+    rules: tuple[maps.ChannelRule, ...]
     zero_is_absent: bool = True
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Variables that it needs."""
-        return tuple(columns_of(self.rules))
+        return tuple(maps.columns_of(self.rules))
 
 
 #: What one of a variable's unit is in SI units.
@@ -66,9 +58,9 @@ _UNITS = {"": 1.0, "milli": 1e-3, "power": 1.0 / FULL_POWER} | {
 
 def _source(row: Mapping[str, Any]) -> VariableSource:
     name, low_pass_hz = row["channel"], row.get("low_pass_hz", 0.0)
-    rule = ChannelRule(
+    rule = maps.ChannelRule(
         name,
-        Expression.of_column(row["variable"]),
+        maps.Expression.of_column(row["variable"]),
         row.get("sign", 1.0) * _UNITS[row.get("unit", "")],
         held=held_by_default(name),
         estimated=row.get("estimated", False),
@@ -79,8 +71,10 @@ def _source(row: Mapping[str, Any]) -> VariableSource:
 
 def _quaternion(columns: Sequence[str]) -> VariableSource:
     texts = (PACKED_QUATERNION if column in UNPACKED else column for column in columns)
-    expressions = (Expression(text, (name,), (name,)) for text, name in zip(texts, columns, strict=True))
-    rules = (ChannelRule(f"attitude_{part}", item) for part, item in zip("wxyz", expressions, strict=True))
+    expressions = (maps.Expression(text, (name,), (name,)) for text, name in zip(texts, columns, strict=True))
+    rules = (
+        maps.ChannelRule(f"attitude_{part}", item) for part, item in zip("wxyz", expressions, strict=True)
+    )
     return VariableSource("attitude", tuple(rules))
 
 
@@ -96,16 +90,18 @@ def _angles(group: str) -> VariableSource:
         "y": "{cr} * {sp} * {cy} + {sr} * {cp} * {sy}",
         "z": "{cr} * {cp} * {sy} - {sr} * {sp} * {cy}",
     }
-    parsed = {part: parse_expression(text.format(**half), group) for part, text in texts.items()}
+    parsed = {part: maps.parse_expression(text.format(**half), group) for part, text in texts.items()}
     words = f"{group}.roll, .pitch and .yaw"
-    rules = (ChannelRule(f"attitude_{part}", replace(item, text=words)) for part, item in parsed.items())
+    rules = (maps.ChannelRule(f"attitude_{part}", replace(item, text=words)) for part, item in parsed.items())
     return VariableSource("attitude", tuple(rules))
 
 
 def _tilt(group: str) -> VariableSource:
     columns = (f"{group}.roll", f"{group}.pitch")
-    expression = replace(tilt_of_angles(common.UNITS["deg"][1], *columns), text=f"{group}.roll and .pitch")
-    rule = ChannelRule("cos_tilt", expression, angles=columns, angle_unit="deg")
+    expression = replace(
+        maps.tilt_of_angles(common.UNITS["deg"][1], *columns), text=f"{group}.roll and .pitch"
+    )
+    rule = maps.ChannelRule("cos_tilt", expression, angles=columns, angle_unit="deg")
     return VariableSource("attitude", (rule,))
 
 
@@ -488,7 +484,7 @@ def _gaps(event: Event) -> str:
 
 
 NAME = "crazyflie"
-_BUILT_IN = ChannelMap("crazyflie", CLOCK, "s", (), Frame.Z_UP, "square", {}, "the firmware")
+_BUILT_IN = maps.ChannelMap("crazyflie", CLOCK, "s", (), Frame.Z_UP, "square", {}, "the firmware")
 
 
 def read_crazyflie(file: Path, options: common.ReadOptions) -> Recording:
@@ -507,7 +503,7 @@ def read_crazyflie(file: Path, options: common.ReadOptions) -> Recording:
         chosen, looked = _BUILT_IN, LOOKED_FOR
         channels = _known_channels(file.name, events, findings)
     else:
-        chosen = load_channel_map(options.channel_map)
+        chosen = maps.load_channel_map(options.channel_map)
         looked = looked_for(chosen)
         channels = _map_channels(chosen, file.name, events, findings)
     return Recording(
@@ -584,10 +580,10 @@ def _feedback(source: VariableSource, event: Event) -> list[Finding]:
 
 
 def _map_channels(
-    chosen: ChannelMap, name: str, events: Sequence[Event], findings: list[Finding]
+    chosen: maps.ChannelMap, name: str, events: Sequence[Event], findings: list[Finding]
 ) -> dict[str, Channel]:
     names = list(dict.fromkeys(column for event in events for column in event.names))
-    rules: dict[int, list[ChannelRule]] = {}
+    rules: dict[int, list[maps.ChannelRule]] = {}
     for rule in fitted_rules(chosen, names, name):
         rules.setdefault(_position(rule, chosen, events, name), []).append(rule)
     served = ((items, events[position].columns(chosen.needed_by(items))) for position, items in rules.items())
@@ -599,7 +595,7 @@ def _map_channels(
     return channels
 
 
-def _position(rule: ChannelRule, chosen: ChannelMap, events: Sequence[Event], name: str) -> int:
+def _position(rule: maps.ChannelRule, chosen: maps.ChannelMap, events: Sequence[Event], name: str) -> int:
     """Number of the event with the most records that has all that a rule needs."""
     needed = chosen.needed_by([rule])
     for index, event in enumerate(events):

@@ -12,16 +12,8 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import ChannelMapError, EmptyLogError, ShapeError, UsageError, did_you_mean
+from eivor.logs import channel_map as maps
 from eivor.logs import common
-from eivor.logs.channel_map import (
-    ChannelMap,
-    ChannelRule,
-    Expression,
-    ValidRange,
-    columns_of,
-    load_channel_map,
-    shipped_maps,
-)
 from eivor.signals.channels import canonical_channel, canonical_channels, held_by_default, unit_of
 from eivor.signals.recording import Channel, Finding, Frame, LogOrigin, Recording, clean_channel, utc_time
 from eivor.tools import Bool, Float
@@ -64,7 +56,7 @@ def _named(column: str, units: Mapping[str, str]) -> tuple[str, str | None]:
 
 def canonical_map(
     names: Sequence[str], origin: str, units: Mapping[str, str] = NO_UNITS
-) -> ChannelMap | None:
+) -> maps.ChannelMap | None:
     """Map of a table with canonical column names, units in brackets; None without `time` or a channel."""
     rules, times = [], []
     for column in names:
@@ -74,11 +66,11 @@ def canonical_map(
         if name == "time" and (unit or "s") in common.TIME_UNITS:
             times.append((column, unit or "s"))
         elif known is not None and (unit is None or common.unit_fits(known, si_unit)):
-            expression = Expression.of_column(column)
-            rules.append(ChannelRule(name, expression, factor, held=held_by_default(name)))
+            expression = maps.Expression.of_column(column)
+            rules.append(maps.ChannelRule(name, expression, factor, held=held_by_default(name)))
     if len(times) != 1 or not rules:
         return None
-    return ChannelMap("canonical", *times[0], tuple(rules), Frame.Z_UP, "", {}, origin)
+    return maps.ChannelMap("canonical", *times[0], tuple(rules), Frame.Z_UP, "", {}, origin)
 
 
 def suggested_map(names: Sequence[str], units: Mapping[str, str] = NO_UNITS) -> list[str]:
@@ -118,13 +110,13 @@ def _toml(text: str) -> str:
 
 def fitting_map(
     names: Sequence[str], table: str, findings: list[Finding], units: Mapping[str, str] = NO_UNITS
-) -> ChannelMap:
+) -> maps.ChannelMap:
     """Return the map for a table that came without one; a finding says when a shipped map was chosen."""
     canonical = canonical_map(names, table, units)
     if canonical is not None:
         return canonical
-    for name in shipped_maps():
-        shipped = load_channel_map(name)
+    for name in maps.shipped_maps():
+        shipped = maps.load_channel_map(name)
         if set(shipped.needed_by(rule for rule in shipped.rules if not rule.optional)) <= set(names):
             message = f"The shipped channel map '{name}' fits the table's columns and is used."
             findings.append(Finding("channel_map", message))
@@ -138,7 +130,7 @@ def fitting_map(
     )
     error = ChannelMapError(
         "canonical column names ('time', 'velocity_z', 'rotor_command_1', ...), or the columns of a "
-        f"shipped map ({', '.join(shipped_maps())})",
+        f"shipped map ({', '.join(maps.shipped_maps())})",
         f"'{table}' with the columns {listed(names)}",
         f"{write} Columns that a motion adds are known once it is named (--model, --machine, "
         "ev.motion_by_name, ev.machine).",
@@ -148,7 +140,7 @@ def fitting_map(
     raise error
 
 
-def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[ChannelRule, ...]:
+def fitted_rules(chosen: maps.ChannelMap, names: Sequence[str], table: str) -> tuple[maps.ChannelRule, ...]:
     """Rules of a map that the table can serve, after all its columns have been found."""
     known = set(names)
     rules = []
@@ -158,7 +150,7 @@ def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[
             rules.append(rule)
         elif not rule.optional:
             raise _no_column(missing[0], f"channels.{rule.name}", chosen, names, table)
-    used = columns_of(chosen.rules).keys()
+    used = maps.columns_of(chosen.rules).keys()
     if chosen.time_column not in known:
         raise _no_column(chosen.time_column, "time.column", chosen, names, table)
     if chosen.time_column in used:
@@ -180,7 +172,7 @@ def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[
 
 
 def _no_column(
-    column: str, key: str, chosen: ChannelMap, names: Sequence[str], table: str
+    column: str, key: str, chosen: maps.ChannelMap, names: Sequence[str], table: str
 ) -> ChannelMapError:
     remedy = did_you_mean(column, names, "Correct the map.", most=3)
     expected = f"a column '{column}' ({chosen.origin}, key {key})"
@@ -198,8 +190,8 @@ _Ranged = tuple[Float[np.ndarray, " n"], int, int]
 
 
 def mapped_recording(
-    chosen: ChannelMap,
-    rules: Sequence[ChannelRule],
+    chosen: maps.ChannelMap,
+    rules: Sequence[maps.ChannelRule],
     columns: common.Columns,
     *,
     name: str,
@@ -232,15 +224,15 @@ def mapped_recording(
     )
 
 
-def looked_for(chosen: ChannelMap) -> dict[str, tuple[str, ...]]:
+def looked_for(chosen: maps.ChannelMap) -> dict[str, tuple[str, ...]]:
     """Which column each channel was looked for in, by a map: one of its own name where it has no rule."""
     looked: dict[str, tuple[str, ...]] = {key: (f"column {key}",) for key in canonical_channels()}
     return looked | {rule.name: (rule.expression.text,) for rule in chosen.rules}
 
 
 def mapped_channels(
-    chosen: ChannelMap,
-    rules: Sequence[ChannelRule],
+    chosen: maps.ChannelMap,
+    rules: Sequence[maps.ChannelRule],
     columns: common.Columns,
     name: str,
     findings: list[Finding],
@@ -278,8 +270,8 @@ def mapped_channels(
 
 
 def channels_by_clock(
-    chosen: ChannelMap,
-    served: Iterable[tuple[Sequence[ChannelRule], common.Columns]],
+    chosen: maps.ChannelMap,
+    served: Iterable[tuple[Sequence[maps.ChannelRule], common.Columns]],
     name: str,
     findings: list[Finding],
 ) -> dict[str, Channel]:
@@ -306,7 +298,7 @@ def _report_lists(columns: common.Columns) -> str:
 
 
 def _clock(
-    chosen: ChannelMap, columns: common.Columns, name: str, findings: list[Finding]
+    chosen: maps.ChannelMap, columns: common.Columns, name: str, findings: list[Finding]
 ) -> tuple[Float[np.ndarray, " m"], np.ndarray]:
     """Stamps [s] of the rows that have one, and which rows these are."""
     raw = columns.values[chosen.time_column]
@@ -326,11 +318,11 @@ def _clock(
     return kept * unit, stamped
 
 
-def _unit(chosen: ChannelMap, columns: common.Columns) -> float:
+def _unit(chosen: maps.ChannelMap, columns: common.Columns) -> float:
     return 1.0 if chosen.time_column in columns.seconds else common.TIME_UNITS[chosen.time_unit]
 
 
-def _angle_findings(rules: Sequence[ChannelRule], ranged: Mapping[str, _Ranged]) -> list[Finding]:
+def _angle_findings(rules: Sequence[maps.ChannelRule], ranged: Mapping[str, _Ranged]) -> list[Finding]:
     """Doubt angles that go round in radians, or never reach one degree."""
     findings: list[Finding] = []
     for rule in rules:
@@ -349,7 +341,7 @@ def _angle_findings(rules: Sequence[ChannelRule], ranged: Mapping[str, _Ranged])
 
 
 def _within(
-    values: Float[np.ndarray, " n"], missing: Bool[np.ndarray, " n"], bounds: ValidRange | None
+    values: Float[np.ndarray, " n"], missing: Bool[np.ndarray, " n"], bounds: maps.ValidRange | None
 ) -> _Ranged:
     if bounds is None:
         return np.where(missing, np.nan, values) if missing.any() else values, 0, 0
@@ -360,7 +352,9 @@ def _within(
     return np.where(outside | missing, np.nan, values), int(outside.sum()), int(saturated.sum())
 
 
-def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping[str, _Ranged]) -> Channel:
+def _channel(
+    rule: maps.ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping[str, _Ranged]
+) -> Channel:
     used = {column: ranged[column] for column in rule.expression.columns}
     values = rule.expression.evaluate({column: item for column, (item, *_) in used.items()}, time_s)
     return clean_channel(

@@ -18,16 +18,8 @@ from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.references import ReferenceSource, exogenous
 from eivor.flights.result import FlightEstimate
+from eivor.models import transfer_functions as tf
 from eivor.models.frequency_response import FIRST_CYCLES, FREQUENCIES, FrequencyResponse, frequency_response
-from eivor.models.transfer_functions import (
-    BAND_HZ,
-    SHARED,
-    Controller,
-    TransferFunctions,
-    measured_margins,
-    proposed_controllers,
-    transfer_functions,
-)
 from eivor.motions.equation import DeclaredMotion
 from eivor.motions.rates.motion import AXES, BAND_SHARE, Rates
 from eivor.motions.table import motion_by_name
@@ -68,8 +60,8 @@ class LogResponse:
     output: str
     reference: str  # Empty for none
     response: FrequencyResponse
-    models: TransferFunctions | None = None
-    controllers: tuple[Controller, ...] = ()
+    models: tf.TransferFunctions | None = None
+    controllers: tuple[tf.Controller, ...] = ()
     loop: FrequencyResponse | None = field(default=None, repr=False)  # Broken at the error of the rate
     findings: tuple[str, ...] = ()
 
@@ -167,14 +159,14 @@ def response_of_axis(
     r = runs(reference) if reference else None
     response = frequency_response(u, y, reference=r, **given)
     findings += [*response.findings, *_saturation(u, source)]
-    models: TransferFunctions | None = None
-    controllers: tuple[Controller, ...] = ()
+    models: tf.TransferFunctions | None = None
+    controllers: tuple[tf.Controller, ...] = ()
     loop: FrequencyResponse | None = None
     try:
         declared = not path.turns and bool(path.input)
-        low = min(BAND_HZ[0], float(grid[0])) if declared else BAND_HZ[0]
-        band_hz = low, min(BAND_HZ[1], float(grid[-1]))
-        models = transfer_functions(response, band_hz=band_hz, sensor_filter=_filter(first, path))
+        low = min(tf.BAND_HZ[0], float(grid[0])) if declared else tf.BAND_HZ[0]
+        band_hz = low, min(tf.BAND_HZ[1], float(grid[-1]))
+        models = tf.transfer_functions(response, band_hz=band_hz, sensor_filter=_filter(first, path))
     except EstimationError as error:
         findings.append(f"No model: {error.received}. {error.remedy}")
     if models is not None and models.chosen.p_value < UNLIKELY:
@@ -198,13 +190,13 @@ def response_of_axis(
 
 
 def _proposals(
-    response: FrequencyResponse, models: TransferFunctions
-) -> tuple[tuple[Controller, ...], tuple[str, ...]]:
+    response: FrequencyResponse, models: tf.TransferFunctions
+) -> tuple[tuple[tf.Controller, ...], tuple[str, ...]]:
     """Controllers whose loops cross over where the response is shown, or why there is none."""
     if not response.is_shown.any() or response.is_provisional or models.chosen.parameters["gain"] <= 0.0:
         return (), ()
     least, most = response.frequency_hz[response.is_shown][[0, -1]].tolist()
-    made = [(item, *item.intervals["crossover_hz"]) for item in proposed_controllers(models)]
+    made = [(item, *item.intervals["crossover_hz"]) for item in tf.proposed_controllers(models)]
     kept = tuple(
         item
         for item, low, high in made
@@ -343,7 +335,7 @@ def _ends(interval: tuple[float, float], scale: float = 1.0) -> str:
     return f"{scale * interval[0]:.3g} .. {scale * interval[1]:.3g}"
 
 
-def _orders(models: TransferFunctions) -> Any:
+def _orders(models: tf.TransferFunctions) -> Any:
     rows = []
     for order, model in models.by_order.items():
         value = model.parameters
@@ -364,10 +356,10 @@ def _orders(models: TransferFunctions) -> Any:
     return table([TableColumn(title, right=True) for title in titles], rows)
 
 
-def _shared(models: TransferFunctions) -> Any:
+def _shared(models: tf.TransferFunctions) -> Any:
     scales = {"lag": ("lag [ms]", 1e3), "delay": ("delay [ms]", 1e3), "damping": ("damping [1/s]", 1.0)}
     rows = []
-    for name in SHARED:
+    for name in tf.SHARED:
         words, scale = scales.get(name, (name, 1.0))
         rows.append((words, *(_ends(of.intervals[name], scale) for of in (models, models.chosen))))
     titles = (f"{models.level:.0%}, all orders", "chosen order")
@@ -405,7 +397,7 @@ LOOP = {
 
 def _loop(loop: FrequencyResponse) -> Any:
     rows = []
-    for name, (value, low, high) in measured_margins(loop).items():
+    for name, (value, low, high) in tf.measured_margins(loop).items():
         if name in LOOP:
             words, decimals = LOOP[name]
             ends = "" if math.isnan(low) else _ends((low, high))
@@ -445,7 +437,9 @@ def _axis_json(item: LogResponse) -> dict[str, object]:
             asdict(controller) | {"parameters": controller.autopilot_parameters(item.axis)}
             for controller in item.controllers
         ],
-        "loop": None if item.loop is None else item.loop.columns() | {"margins": measured_margins(item.loop)},
+        "loop": None
+        if item.loop is None
+        else item.loop.columns() | {"margins": tf.measured_margins(item.loop)},
         "findings": item.findings,
     }
 

@@ -13,24 +13,9 @@ from eivor.errors import EmptyLogError, InputError
 from eivor.logs import common
 from eivor.logs.channel_map import columns_of, load_channel_map
 from eivor.logs.mapping import looked_for
-from eivor.logs.rosbag import containers
+from eivor.logs.rosbag import containers, messages
 from eivor.logs.rosbag import topics as ros
-from eivor.logs.rosbag.messages import (
-    PACKAGE,
-    MessageLayout,
-    UnsoundMessageError,
-    message_layout,
-    px4_releases,
-)
-from eivor.logs.ulog.channels import (
-    LOOKED_FOR,
-    NEEDED_TOPICS,
-    Topic,
-    choose_instance,
-    read_topics,
-    unknown_filters,
-    vehicle_of,
-)
+from eivor.logs.ulog import channels as px4
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, Frame, Recording
 from eivor.strict_toml import package_tables
@@ -44,7 +29,9 @@ _NAME = re.compile(
 def is_px4(name: str, kind: str) -> bool:
     """Say whether a topic is one of PX4's that channels are made of."""
     match = _NAME.fullmatch(name)
-    return kind.startswith(f"{PACKAGE}/") and match is not None and match["topic"] in NEEDED_TOPICS
+    return (
+        kind.startswith(f"{messages.PACKAGE}/") and match is not None and match["topic"] in px4.NEEDED_TOPICS
+    )
 
 
 def px4_channels(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> tuple[dict[str, Channel], str]:
@@ -57,9 +44,9 @@ def px4_channels(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> tuple
     if not sound:
         return {}, ""
     topics = _chosen(sound, matches, findings)
-    channels = read_topics(topics, np.uint64(ros.start_ns(sound) // 1000), {}, findings)
-    findings += unknown_filters(channels.values(), "A bag holds")
-    return channels, vehicle_of(topics, {})
+    channels = px4.read_topics(topics, np.uint64(ros.start_ns(sound) // 1000), {}, findings)
+    findings += px4.unknown_filters(channels.values(), "A bag holds")
+    return channels, px4.vehicle_of(topics, {})
 
 
 def _check_one_vehicle(what: str, places: set[str]) -> None:
@@ -73,28 +60,28 @@ def _check_one_vehicle(what: str, places: set[str]) -> None:
 
 def _chosen(
     sound: Sequence[ros.BagTopic], matches: Mapping[str, re.Match[str]], findings: list[Finding]
-) -> dict[str, Topic]:
+) -> dict[str, px4.Topic]:
     """The topics by PX4's names: what the vehicle sends before what it is sent, then the useful instance."""
-    by_name: dict[str, dict[str, list[Topic]]] = {}
+    by_name: dict[str, dict[str, list[px4.Topic]]] = {}
     for item in sound:
         match = matches[item.name]
-        topic = Topic(match["topic"], int(match["instance"] or 0), item.fields)
+        topic = px4.Topic(match["topic"], int(match["instance"] or 0), item.fields)
         by_name.setdefault(match["topic"], {}).setdefault(match["way"] or "out", []).append(topic)
     return {
-        name: choose_instance(directions.get("out") or directions["in"], findings)
+        name: px4.choose_instance(directions.get("out") or directions["in"], findings)
         for name, directions in by_name.items()
     }
 
 
 def _layouts(
     raws: Sequence[ros.RawTopic], findings: list[Finding]
-) -> dict[str, Callable[[bytes], MessageLayout]]:
+) -> dict[str, Callable[[bytes], messages.MessageLayout]]:
     """How the messages of each topic are read: by its definition, or by the releases that fit."""
     layouts = {raw.name: raw.defined() for raw in raws if raw.text}
     unsaid = [raw for raw in raws if not raw.text]
     if not unsaid:
         return layouts
-    releases = px4_releases()
+    releases = messages.px4_releases()
     fits = {raw.name: _fitting(raw, list(releases)) for raw in unsaid}
     shared = set(releases).intersection(*(fit for fit in fits.values() if fit))
     misfits = [f"{raw.name} ({len(raw.payloads[0])} bytes)" for raw in unsaid if not fits[raw.name]]
@@ -117,20 +104,20 @@ def _fitting(raw: ros.RawTopic, numbers: Sequence[str]) -> set[str]:
     for number in numbers:
         try:
             _agreed(raw, [number])(raw.payloads[0])
-        except UnsoundMessageError:
+        except messages.UnsoundMessageError:
             continue
         result.add(number)
     return result
 
 
-def _agreed(raw: ros.RawTopic, numbers: Sequence[str]) -> Callable[[bytes], MessageLayout]:
+def _agreed(raw: ros.RawTopic, numbers: Sequence[str]) -> Callable[[bytes], messages.MessageLayout]:
     """What gives the layout of a message as far as some releases agree on it."""
-    releases = px4_releases()
+    releases = messages.px4_releases()
     kinds = dict.fromkeys(releases[number].get(raw.kind) for number in numbers)
 
-    def layout_of(message: bytes) -> MessageLayout:
+    def layout_of(message: bytes) -> messages.MessageLayout:
         layouts = [
-            message_layout(message, raw.kind, releases[number], ros1=raw.ros1)
+            messages.message_layout(message, raw.kind, releases[number], ros1=raw.ros1)
             for number in numbers[: 1 if len(kinds) == 1 else None]
         ]
         first = layouts[0]
@@ -139,7 +126,7 @@ def _agreed(raw: ros.RawTopic, numbers: Sequence[str]) -> Callable[[bytes], Mess
             for name, field in first.fields.items()
             if all(layout.fields.get(name) == field for layout in layouts)
         }
-        return MessageLayout(fields, first.lengths, first.size)
+        return messages.MessageLayout(fields, first.lengths, first.size)
 
     return layout_of
 
@@ -341,7 +328,7 @@ def read_bag(path: Path, options: common.ReadOptions, log_format: str) -> Record
         contents = ros.read_contents(files, is_known, findings, options.max_bytes)
         of_px4 = [raw for raw in contents.topics.values() if is_px4(raw.name, raw.kind)]
         channels, vehicle = px4_channels(of_px4, findings) if of_px4 else ({}, "")
-        frame, looked = Frame.NED, LOOKED_FOR
+        frame, looked = Frame.NED, px4.LOOKED_FOR
         if not channels:
             others = [raw for raw in contents.topics.values() if not is_px4(raw.name, raw.kind)]
             channels, vehicle = ros_channels(others, findings), ""

@@ -13,15 +13,8 @@ from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError, did_yo
 from eivor.logs.channel_map import ChannelMap, ChannelRule, columns_of
 from eivor.logs.common import MAX_SPAN_S, Columns, noted
 from eivor.logs.mapping import channels_by_clock, delay_findings, fitted_rules, listed
+from eivor.logs.rosbag import messages
 from eivor.logs.rosbag.containers import Budget, declared_by_metadata, opened
-from eivor.logs.rosbag.messages import (
-    MessageLayout,
-    common_types,
-    decoded,
-    message_layout,
-    parsed_types,
-    type_name,
-)
 from eivor.signals.channels import roll_pitch_yaw
 from eivor.signals.recording import Channel, Finding
 from eivor.tools import Float, Int
@@ -156,12 +149,12 @@ class RawTopic:
     payloads: list[bytes] = field(default_factory=list)
     record_ns: list[int] = field(default_factory=list)  # When they were recorded [ns]
 
-    def defined(self) -> Callable[[bytes], MessageLayout]:
+    def defined(self) -> Callable[[bytes], messages.MessageLayout]:
         """What gives the layout of a message, by the bag's own definition or else by a common one."""
-        types = {**common_types()}
+        types = {**messages.common_types()}
         if self.text:
-            types |= parsed_types(self.text, self.kind, is_idl=self.is_idl)
-        return lambda message: message_layout(message, self.kind, types, ros1=self.ros1)
+            types |= messages.parsed_types(self.text, self.kind, is_idl=self.is_idl)
+        return lambda message: messages.message_layout(message, self.kind, types, ros1=self.ros1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +224,7 @@ def _add_file(file: Path, wanted: Callable[[str, str], bool], budget: Budget, co
 
     with opened(file, budget) as container:
         connections = container.reader.connections
-        types = {item.id: type_name(item.msgtype) for item in connections}
+        types = {item.id: messages.type_name(item.msgtype) for item in connections}
         contents.listed |= {item.topic: types[item.id] for item in connections if item.msgcount}
         chosen = [item for item in connections if wanted(item.topic, types[item.id])]
         contents.declared += container.declared()
@@ -249,10 +242,10 @@ def _add_file(file: Path, wanted: Callable[[str, str], bool], budget: Budget, co
 
 
 def as_columns(
-    raw: RawTopic, layout_of: Callable[[bytes], MessageLayout], findings: list[Finding]
+    raw: RawTopic, layout_of: Callable[[bytes], messages.MessageLayout], findings: list[Finding]
 ) -> BagTopic | None:
     """Return a topic as columns; None when it has no sound message, or none that says when it is from."""
-    made, indices, reason = decoded(raw.payloads, layout_of)
+    made, indices, reason = messages.decoded(raw.payloads, layout_of)
     lost = len(raw.payloads) - indices.size
     text = f"{raw.name} ({raw.kind}) that were left out: {lost}, as {reason}"
     findings += noted("message_formats", "Messages of {}.", lost and text)

@@ -32,15 +32,7 @@ from eivor.errors import (
 from eivor.logs import common
 from eivor.logs.channel_map import columns_of, load_channel_map
 from eivor.logs.mapping import fitted_rules, fitting_map, listed, mapped_recording
-from eivor.logs.table.delimited import (
-    MAX_COLUMNS,
-    TableSource,
-    corrupt_table,
-    is_delimited,
-    open_csv,
-    polars_errors,
-    table_columns,
-)
+from eivor.logs.table import delimited
 from eivor.process_pool import SANDBOX
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, Frame, LogOrigin, Recording
@@ -97,7 +89,7 @@ def decode_in_child(
         )
     except subprocess.TimeoutExpired as error:
         reason = f"{kind} that is not decoded within {timeout_s:.0f} s"
-        raise corrupt_table(file.name, reason, _DAMAGED) from error
+        raise delimited.corrupt_table(file.name, reason, _DAMAGED) from error
     except OSError:
         return
     if child.returncode == REFUSED:
@@ -105,7 +97,7 @@ def decode_in_child(
     else:
         reason = f"makes the decoder fail (exit code {child.returncode}; it may use {max_bytes >> 20} MiB)"
     if child.returncode != 0:
-        raise corrupt_table(file.name, f"{kind} that {reason}", _DAMAGED)
+        raise delimited.corrupt_table(file.name, f"{kind} that {reason}", _DAMAGED)
 
 
 # -- Parquet --
@@ -140,29 +132,29 @@ ROW_BYTES = 64
 METADATA_KEY = "eivor"
 
 
-def open_parquet(file: Path, max_bytes: int) -> TableSource:
+def open_parquet(file: Path, max_bytes: int) -> delimited.TableSource:
     """Read the footer of a Parquet file."""
     import polars as pl
 
-    with polars_errors(partial(_unreadable_parquet, file)):
+    with delimited.polars_errors(partial(_unreadable_parquet, file)):
         frame = pl.scan_parquet(file.resolve(), glob=False, hive_partitioning=False)
         schema = frame.collect_schema()
         rows = int(frame.select(pl.len()).collect().item())
         metadata = pl.read_parquet_metadata(file.resolve())
-    if len(schema) > MAX_COLUMNS:
-        remedy = f"At most {MAX_COLUMNS} are read; select some."
-        raise corrupt_table(file.name, f"with {len(schema)} columns", remedy)
+    if len(schema) > delimited.MAX_COLUMNS:
+        remedy = f"At most {delimited.MAX_COLUMNS} are read; select some."
+        raise delimited.corrupt_table(file.name, f"with {len(schema)} columns", remedy)
     if rows == 0:
         raise EmptyLogError("a table with rows", f"'{file.name}' without one", "Check the export.")
     if rows > MAX_ROWS:
         remedy = "Cut the log to the manoeuvre of interest."
         raise LogTooLargeError(f"at most {MAX_ROWS} rows", f"'{file.name}' with {rows}", remedy)
     read = partial(_read, file, frame, schema, rows, max_bytes)
-    return TableSource(tuple(schema), read, (), metadata.get(METADATA_KEY, ""))
+    return delimited.TableSource(tuple(schema), read, (), metadata.get(METADATA_KEY, ""))
 
 
 def _unreadable_parquet(file: Path, error: BaseException) -> CorruptLogError:
-    return corrupt_table(file.name, f"a Parquet file that cannot be decoded: {error}", _DAMAGED)
+    return delimited.corrupt_table(file.name, f"a Parquet file that cannot be decoded: {error}", _DAMAGED)
 
 
 def _read(
@@ -184,7 +176,7 @@ def _read(
         kind = schema[base]
         if not _is_decoded(kind, index):
             return np.full(rows, np.nan), rows, f"{kind}" if _holds_lists(kind) else ""
-        with polars_errors(partial(_unreadable_parquet, file)):
+        with delimited.polars_errors(partial(_unreadable_parquet, file)):
             # under a name of our own, as an operation on a series may take its name as a pattern too
             series = frame.select(pl.col(exactly(base)).alias("c")).head(rows).collect().to_series()
             values, bad = _parquet_numbers(series if index is None else _element(series, index))
@@ -194,7 +186,7 @@ def _read(
 
     clocks = (pl.Datetime, pl.Duration)
     seconds = frozenset(column for column, (base, _) in bases.items() if schema[base] in clocks)
-    return replace(table_columns(columns, list(schema), convert), seconds=seconds)
+    return replace(delimited.table_columns(columns, list(schema), convert), seconds=seconds)
 
 
 def _element(series: pl.Series, index: int) -> pl.Series:
@@ -249,13 +241,15 @@ def variables_source(
     name: str,
     shapes: Mapping[str, tuple[int, ...]],
     values: Callable[[Sequence[str]], Mapping[str, np.ndarray]],
-) -> TableSource:
+) -> delimited.TableSource:
     """Return the table of a file's variables."""
     if not shapes:
         remedy = "Save each signal as a vector of its own; objects (timeseries, tables) are not read."
         raise EmptyLogError("a file with vectors or matrices of numbers", f"'{name}' without any", remedy)
-    if len(shapes) > MAX_COLUMNS:
-        raise corrupt_table(name, f"with {len(shapes)} variables", f"At most {MAX_COLUMNS} are read.")
+    if len(shapes) > delimited.MAX_COLUMNS:
+        raise delimited.corrupt_table(
+            name, f"with {len(shapes)} variables", f"At most {delimited.MAX_COLUMNS} are read."
+        )
 
     def read(columns: Sequence[str]) -> common.Columns:
         bases = (common.element_of(column, list(shapes)) or (column, None) for column in columns)
@@ -272,7 +266,7 @@ def variables_source(
                 return missing, missing.size, f"a matrix of {shapes[base]}"
             return array[:, index] if index < array.shape[1] else missing, 0, ""
 
-        table = table_columns(columns, list(shapes), convert)
+        table = delimited.table_columns(columns, list(shapes), convert)
         lengths = {column: array.size for column, array in table.values.items()}
         if len(set(lengths.values())) > 1:
             text = ", ".join(f"'{column}' {size}" for column, size in list(lengths.items())[:8])
@@ -280,7 +274,7 @@ def variables_source(
             raise ChannelMapError("variables of one length, with one clock", f"'{name}' with {text}", remedy)
         return table
 
-    return TableSource(tuple(shapes), read)
+    return delimited.TableSource(tuple(shapes), read)
 
 
 # -- HDF5 --
@@ -337,7 +331,7 @@ try:
 {ENDING}"""
 
 
-def open_hdf5(file: Path, max_bytes: int) -> TableSource:
+def open_hdf5(file: Path, max_bytes: int) -> delimited.TableSource:
     """Name the variables of an HDF5 file."""
     try:
         import h5py
@@ -355,7 +349,7 @@ def open_hdf5(file: Path, max_bytes: int) -> TableSource:
             kinds = {path: content[path].attrs.get("MATLAB_class") for path in sizes}
     except common.DECODER_ERRORS as error:
         reason = f"an HDF5 file that cannot be read: {error}"
-        raise corrupt_table(file.name, reason, "The file is damaged; write it again.") from error
+        raise delimited.corrupt_table(file.name, reason, "The file is damaged; write it again.") from error
     positions = {path.replace("/", "."): path for path in sizes if kinds[path] not in _NO_NUMBERS}
 
     def values(names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -390,7 +384,7 @@ try:
 {ENDING}"""
 
 
-def open_matlab(file: Path, max_bytes: int) -> TableSource:
+def open_matlab(file: Path, max_bytes: int) -> delimited.TableSource:
     """Read the variables of a MATLAB file."""
     from scipy.io import loadmat, whosmat
 
@@ -404,7 +398,7 @@ def open_matlab(file: Path, max_bytes: int) -> TableSource:
         content = loadmat(file, squeeze_me=True, variable_names=[name for name, *_ in known])
     except common.DECODER_ERRORS as error:
         reason = f"a MATLAB file that cannot be decoded: {error}"
-        raise corrupt_table(file.name, reason, "The file is damaged; save it again.") from error
+        raise delimited.corrupt_table(file.name, reason, "The file is damaged; save it again.") from error
     results = {
         name: array
         for key, value in content.items()
@@ -537,7 +531,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 def _is_csv(head: bytes, _file: Path) -> bool:
     decoder = codecs.getincrementaldecoder("utf-8-sig")()
     try:
-        return is_delimited(decoder.decode(head))
+        return delimited.is_delimited(decoder.decode(head))
     except UnicodeDecodeError:
         return False
 
@@ -546,7 +540,7 @@ def _table(
     name: str,
     label: str,
     sniff: Callable[[bytes, Path], bool],
-    opened: Callable[[Path, int], TableSource],
+    opened: Callable[[Path, int], delimited.TableSource],
     *endings: str,
 ) -> common.LogFormat:
     """Row of a table: what is the same of all is said here."""
@@ -577,7 +571,7 @@ def _table(
     return common.LogFormat(name, label, sniff, read, takes_map=True, endings=endings, **advised)
 
 
-TEXTS = (_table("csv", "CSV", _is_csv, lambda file, _: open_csv(file), ".csv", ".tsv"),)
+TEXTS = (_table("csv", "CSV", _is_csv, lambda file, _: delimited.open_csv(file), ".csv", ".tsv"),)
 PARQUETS = (_table("parquet", "Parquet", common.begins_with(b"PAR1"), open_parquet, ".parquet"),)
 ARRAYS = (
     _table("matlab", "MATLAB", common.begins_with(b"MATLAB 5.0 MAT-file"), open_matlab, ".mat"),
