@@ -62,15 +62,14 @@ def _chosen(
     sound: Sequence[ros.BagTopic], matches: Mapping[str, re.Match[str]], findings: list[Finding]
 ) -> dict[str, px4.Topic]:
     """The topics by PX4's names: what the vehicle sends before what it is sent, then the useful instance."""
-    by_name: dict[str, dict[str, list[px4.Topic]]] = {}
+    ways: dict[str, list[px4.Topic]] = {"out": [], "in": []}
     for item in sound:
         match = matches[item.name]
         topic = px4.Topic(match["topic"], int(match["instance"] or 0), item.fields)
-        by_name.setdefault(match["topic"], {}).setdefault(match["way"] or "out", []).append(topic)
-    return {
-        name: px4.choose_instance(directions.get("out") or directions["in"], findings)
-        for name, directions in by_name.items()
-    }
+        ways[match["way"] or "out"].append(topic)
+    sent = {topic.name for topic in ways["out"]}
+    received = (topic for topic in ways["in"] if topic.name not in sent)
+    return px4.chosen_topics([*ways["out"], *received], findings)
 
 
 def _layouts(

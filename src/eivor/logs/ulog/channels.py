@@ -138,8 +138,18 @@ def varying_fields(topic: Topic, stem: str) -> dict[int, np.ndarray]:
     }
 
 
-def choose_instance(candidates: Sequence[Topic], findings: list[Finding]) -> Topic:
-    """Return the instance to use; a choice is reported in `findings`."""
+def chosen_topics(every: Iterable[Topic], findings: list[Finding]) -> dict[str, Topic]:
+    """The instance of each topic to use; a choice among those of channels is reported in `findings`."""
+    instances: dict[str, list[Topic]] = {}
+    for topic in every:
+        instances.setdefault(topic.name, []).append(topic)
+    return {
+        name: _chosen(candidates, findings if name in NEEDED_TOPICS else [])
+        for name, candidates in instances.items()
+    }
+
+
+def _chosen(candidates: Sequence[Topic], findings: list[Finding]) -> Topic:
     ordered = sorted(candidates, key=lambda topic: topic.instance)
     if len(ordered) == 1:
         return ordered[0]
@@ -162,12 +172,8 @@ def _usefulness(topic: Topic) -> int:
     return 0
 
 
-#: Topics with the time of satellites, the preferred one first, and that with the air.
-CLOCKS, AIR = ("vehicle_gps_position", "sensor_gps"), "vehicle_air_data"
-ORIGIN_TOPICS = (*CLOCKS, AIR)
-#: Channels of the air and their fields. The barometer's own temperature, where nothing else is logged, is
-#: above that of the air.
-AIR_FIELDS = {"air_density": ("rho",), "air_temperature": ("ambient_temperature", "baro_temp_celcius")}
+#: Topics with the time of satellites, the preferred one first.
+CLOCKS = ("vehicle_gps_position", "sensor_gps")
 #: What the last byte of a release is, PX4's FIRMWARE_TYPE; smaller ones are of development.
 KINDS = {64: " alpha", 128: " beta", 192: " rc", 255: ""}
 
@@ -188,21 +194,6 @@ def ulog_origin(
     )
 
 
-def air_channels(topics: Mapping[str, Topic], start: np.uint64) -> dict[str, Channel]:
-    """Channels of the air, on the log's clock."""
-    topic = topics.get(AIR)
-    if topic is None:
-        return {}
-    time_s = since_start(topic.fields["timestamp"], start)
-    results: dict[str, Channel] = {}
-    for name, fields in AIR_FIELDS.items():
-        for column in fields:
-            values = topic.fields.get(column)
-            if name not in results and values is not None and np.any(np.nan_to_num(values)):
-                results[name] = common.logged_channel(name, time_s, values.astype(float), f"{AIR}.{column}")
-    return results
-
-
 def _start(topic: Topic | None, start: np.uint64) -> datetime | None:
     """Time of the log's start by a receiver of satellites; None while it has none."""
     if topic is None or "time_utc_usec" not in topic.fields:
@@ -215,10 +206,10 @@ def _start(topic: Topic | None, start: np.uint64) -> datetime | None:
     return utc_time(float(np.median(utc[dated] - since[dated])))
 
 
-def since_start(stamps: np.ndarray, start: np.uint64) -> np.ndarray:
-    """Seconds since the log's start."""
+def since_start(stamps: np.ndarray, start: np.ndarray | np.uint64) -> Float[np.ndarray, " n"]:
+    """Seconds since the log's start, or since other stamps."""
     with np.errstate(over="ignore"):
-        return np.asarray((stamps.astype(np.uint64) - start).view(np.int64) * 1e-6)
+        return np.asarray((stamps.astype(np.uint64) - start.astype(np.uint64)).view(np.int64) * 1e-6)
 
 
 def _text(content: bytes) -> str:
@@ -308,9 +299,7 @@ def _latency_s(topic: Topic) -> float:
     sampled = topic.fields.get("timestamp_sample")
     if sampled is None or not sampled.size or sampled.dtype.kind not in "iu":
         return 0.0
-    with np.errstate(over="ignore"):
-        ticks = (topic.fields["timestamp"].astype(np.uint64) - sampled.astype(np.uint64)).view(np.int64)
-    latency_s = 1e-6 * float(np.median(ticks))
+    latency_s = float(np.median(since_start(topic.fields["timestamp"], sampled)))
     return latency_s if 0.0 < latency_s <= LONGEST_LATENCY_S else 0.0
 
 
@@ -420,9 +409,7 @@ def pulse_range(
 @dataclass(slots=True)
 class _Reading:
     topics: Mapping[str, Topic]
-    clocks: Mapping[
-        str, Float[np.ndarray, " _"]
-    ]  # Stamps of each topic's messages, from the log's start on [s]
+    clocks: Mapping[str, Float[np.ndarray, " _"]]  # Stamps of messages, from the log's start on [s]
     delays_s: Mapping[str, float]
     end_s: float
     findings: list[Finding]
@@ -455,12 +442,21 @@ class _Reading:
         return common.held_at(times[known], np.isin(stated, states)[known], stamps, before=False)
 
     def put(
-        self, name: str, topic: str, values: np.ndarray, label: str, side: CurveSide = CurveSide.UNKNOWN
+        self,
+        name: str,
+        topic: str,
+        values: np.ndarray,
+        label: str,
+        side: CurveSide = CurveSide.UNKNOWN,
+        *,
+        is_setpoint: bool = False,
+        **more: Any,
     ) -> None:
         """Add a channel, when it has a value."""
-        channel = common.logged_channel(name, self.clocks[topic], values, label, curve_side=side)
+        channel = common.logged_channel(name, self.clocks[topic], values, label, curve_side=side, **more)
         if np.isfinite(channel.values).any():
-            self.channels[name] = channel
+            silent = (self.end_s, self.inactive_setpoints)
+            self.channels[name] = common.silenced(channel, *silent) if is_setpoint else channel
 
     def add(self, name: str, source: TopicSource, where: Bool[np.ndarray, " n"] | None = None) -> None:
         """Add a channel from a source, when that has a valid value (among the samples `where`)."""
@@ -471,21 +467,12 @@ class _Reading:
             values[~where] = np.nan
         elif not np.isfinite(values).any():
             self.never_valid.append(source.label)
-        if not np.isfinite(values).any() or (source.zero_is_absent and not np.any(np.nan_to_num(values))):
+        if source.zero_is_absent and not np.any(np.nan_to_num(values)):
             return
-        channel = common.logged_channel(
-            name,
-            self.clocks[source.topic],
-            values,
-            source.label,
-            estimated=source.estimated,
-            delay_s=self.delays_s[source.topic],
-            curve_side=CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN,
-        )
-        if channel.time_s.size and source.is_setpoint:
-            channel = common.silenced(channel, self.end_s, self.inactive_setpoints)
-        if channel.time_s.size:
-            self.channels[name] = channel
+        side = CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN
+        known = {"estimated": source.estimated, "delay_s": self.delays_s[source.topic]}
+        setpoint = source.is_setpoint
+        self.put(name, source.topic, values, source.label, side, is_setpoint=setpoint, **known)
 
 
 def read_topics(

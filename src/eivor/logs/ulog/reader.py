@@ -65,12 +65,8 @@ def read_csv_folder(folder: Path, _options: common.ReadOptions) -> Recording:
         received = f"'{folder.name}' with those of {len(logs)}: {', '.join(logs[:4])}"
         raise InputError(expected, received, "Put them into folders of their own.")
     findings: list[Finding] = []
-    instances: dict[str, list[px4.Topic]] = {}
-    for table in tables:
-        topic = _topic(folder / table[0], table[2], int(table[3]), findings)
-        if topic is not None:
-            instances.setdefault(topic.name, []).append(topic)
-    topics = {name: px4.choose_instance(candidates, findings) for name, candidates in instances.items()}
+    every = (_topic(folder / table[0], table[2], int(table[3]), findings) for table in tables)
+    topics = px4.chosen_topics(filter(None, every), findings)
     start = min((int(topic.fields["timestamp"].min()) for topic in topics.values()), default=0)
     channels = read_topics(topics, np.uint64(start), {}, findings)
     if not channels:
@@ -392,24 +388,21 @@ def _fields(payload: bytes) -> list[tuple[str, int, str]] | None:
     return fields or None
 
 
-PARSED = (*px4.NEEDED_TOPICS, *(topic for topic in px4.ORIGIN_TOPICS if topic not in px4.NEEDED_TOPICS))
-
-
 def read_ulog(file: Path, _options: common.ReadOptions) -> Recording:
     """Read a ULog file."""
     with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        content = UlogContent(data, PARSED, file.name)
+        content = UlogContent(data, (*px4.NEEDED_TOPICS, *px4.CLOCKS), file.name)
     findings = _file_findings(content)
     parameters = {key: value for key, value in sorted(content.parameters.items()) if np.isfinite(value)}
-    topics = _topics(content, findings)
-    neighbours = {name: topics.pop(name) for name in px4.ORIGIN_TOPICS if name in topics}
+    logged = (item.topic() for item in content.subscriptions.values() if item.rows)
+    topics = px4.chosen_topics(logged, findings)
+    clocks = {name: topics.pop(name) for name in px4.CLOCKS if name in topics}
     start = np.uint64(content.start_us)
     channels = read_topics(topics, start, parameters, findings)
     if not channels:
         expected = f"a ULog with flight data (one of the topics {', '.join(px4.NEEDED_TOPICS)})"
         remedy = "Check that logging was on during the flight, and the logging profile (SDLOG_PROFILE)."
         raise EmptyLogError(expected, f"'{file.name}' without a value of any of them", remedy)
-    channels |= px4.air_channels(neighbours, start)
     return Recording(
         name=file.name,
         format="ulog",
@@ -419,7 +412,7 @@ def read_ulog(file: Path, _options: common.ReadOptions) -> Recording:
         looked_for=px4.LOOKED_FOR,
         findings=(*findings, *common.channel_findings(channels)),
         vehicle=px4.vehicle_of(topics, parameters),
-        origin=px4.ulog_origin(content.about, neighbours, start, parameters),
+        origin=px4.ulog_origin(content.about, clocks, start, parameters),
     )
 
 
@@ -440,17 +433,6 @@ def _file_findings(content: UlogContent) -> list[Finding]:
     findings += common.noted("lost_messages", sentence, texts)
     sentence = f"The logger lost data {{}} times, {sum(content.dropouts_ms) * 1e-3:.3g} s in total."
     return findings + common.noted("dropouts", sentence, len(content.dropouts_ms))
-
-
-def _topics(content: UlogContent, findings: list[Finding]) -> dict[str, px4.Topic]:
-    instances: dict[str, list[px4.Topic]] = {}
-    for item in content.subscriptions.values():
-        if item.rows:
-            instances.setdefault(item.name, []).append(item.topic())
-    return {
-        name: px4.choose_instance(candidates, findings if name in px4.NEEDED_TOPICS else [])
-        for name, candidates in instances.items()
-    }
 
 
 _ADVISED = common.advised(px4.TABLES["advice"], _advice)
