@@ -43,7 +43,6 @@ def test_query_prints_and_writes(eivor, monkeypatch, tmp_path):
 def logs(tmp_path, monkeypatch):
     """Logs whose rows are made here, at once."""
     rows_of(monkeypatch)
-    monkeypatch.setattr("eivor.fleet.run.kept_process", lambda function, _limits: function)
     return write_logs(tmp_path / "logs", {"a.csv": "one", "b/c.csv": "one", "notes": "none"})
 
 

@@ -73,3 +73,4 @@ def rows_of(monkeypatch, made=QuickRow):
         return made(options) if page_of is None else made(options, page_of)
 
     monkeypatch.setattr("eivor.fleet.table.RowOfLog", row_maker)
+    monkeypatch.setattr("eivor.fleet.run.kept_process", lambda function, _limits: function)

@@ -62,7 +62,7 @@ def _quick(monkeypatch):
 
 
 def run(logs, folder, options=OPTIONS, **choices):
-    return run_fleet(logs_found(str(logs)), folder, options, guarded=False, **choices)
+    return run_fleet(logs_found(str(logs)), folder, options, **choices)
 
 
 def content(folder):
@@ -122,8 +122,9 @@ def test_an_interrupt_keeps_what_was_done(logs, tmp_path, monkeypatch):
 
     expected = table.RowOfLog
     rows_of(monkeypatch, stopped)
+    monkeypatch.setattr("eivor.fleet.run.TASKS", 1)
     with pytest.raises(KeyboardInterrupt):
-        run(logs, folder, shard_logs=3)
+        run(logs, folder)
     assert read_flights(folder)["name"].to_list() == ["a.csv", "b.csv"]
     rows_of(monkeypatch, expected)
     assert run(logs, folder).before == 2
@@ -137,7 +138,7 @@ def test_ten_thousand_copies_are_identified_once(tmp_path, monkeypatch):
     many = replace(path, logs=LogList.of(copies))
     once = hashed(first)
     monkeypatch.setattr("eivor.fleet.run.hashed", lambda log: replace(log, sha256=once.sha256))
-    done = run_fleet(many, tmp_path / "fleet", OPTIONS, guarded=False)
+    done = run_fleet(many, tmp_path / "fleet", OPTIONS)
     assert done.verdicts == {"weak": 1, "copy": 9999}
     assert len(part_files(tmp_path / "fleet")) == 1
     assert read_flights(tmp_path / "fleet", ["name", "verdict"]).row(0) == ("00000.csv", "weak")
@@ -182,7 +183,7 @@ def test_every_row_has_the_vehicle_that_its_path_or_the_list_tells(logs, tmp_pat
 
 def test_damaged_parts_are_set_aside_and_made_anew(logs, tmp_path):
     folder = tmp_path / "fleet"
-    run(logs, folder, shard_logs=1)
+    run(logs, folder)
     expected = content(folder)
     damaged = part_files(folder)[0]
     damaged.write_bytes(damaged.read_bytes()[:-20])
@@ -265,7 +266,7 @@ def test_columns_have_words_and_units_and_rows_join_the_table_as_the_run_goes(lo
         flights = list((folder / "flights").glob("*.parquet"))
         seen.append(sum(pl.read_parquet(path).height for path in flights))
 
-    run(logs, folder, shard_logs=1, progress=progress)
+    run(logs, folder, progress=progress)
     assert [seen[0], *seen[-2:]] == [0, 2, 4]
     assert not list((folder / "pending").iterdir())
     properties = json.loads((folder / COLUMNS).read_text("utf-8"))["properties"]
@@ -288,7 +289,7 @@ def test_a_full_disk_loses_nothing_that_was_written(logs, tmp_path, monkeypatch)
 
     monkeypatch.setattr(table, "write_atomically", full)
     with pytest.raises(InputError, match=r"No space left on device.*Rows that were written are kept"):
-        run(logs, folder, shard_logs=1)
+        run(logs, folder)
     assert read_flights(folder).height == 2
     monkeypatch.setattr(table, "write_atomically", whole)
     assert run(logs, folder).before == 2
@@ -385,25 +386,25 @@ SCRIPT = """
 import os, signal, sys, time
 from pathlib import Path
 import numpy as np
-from eivor.fleet import table
+from eivor.fleet import run, table
 from eivor.fleet.table import FleetOptions
 from eivor.fleet.logs import logs_found
-from eivor.fleet.run import run_fleet
 from fleets.fleet_rows import QuickRow
-table.RowOfLog = QuickRow
+table.RowOfLog, run.kept_process = QuickRow, lambda function, _limits: function
+run.TASKS, run.MOST_LOGS = 1, 3
 logs, folder, kills, options = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), FleetOptions()
 plan, killed, fleets = np.random.default_rng({seed}), 0, 1
 while killed < kills:
     child = os.fork()
     if not child:
-        run_fleet(logs_found(logs), folder / str(fleets), options, guarded=False, shard_logs=3)
+        run.run_fleet(logs_found(logs), folder / str(fleets), options)
         os._exit(0)
     time.sleep(plan.uniform(0.02, 1.2))
     os.kill(child, signal.SIGKILL)
     was_killed = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) != 0
     killed, fleets = killed + was_killed, fleets + (not was_killed)
 for fleet in range(fleets + 1):  # the first was never killed
-    run_fleet(logs_found(logs), folder / str(fleet), options, guarded=False, shard_logs=3)
+    run.run_fleet(logs_found(logs), folder / str(fleet), options)
 """
 
 

@@ -134,7 +134,7 @@ def test_logs_and_fleets_elsewhere(bucket, tmp_path, monkeypatch):
         path_of(f"{bucket}/{name}").write_text(text)
 
     def rows(logs, folder, **choices):
-        done = run_fleet(logs_found(logs), path_of(folder), FleetOptions(), guarded=False, **choices)
+        done = run_fleet(logs_found(logs), path_of(folder), FleetOptions(), **choices)
         return done, ev.fleet.open(folder).flights
 
     done, table = rows(f"{bucket}/logs", f"{bucket}/fleet", page_of=str)

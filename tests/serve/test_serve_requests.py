@@ -17,6 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager, suppress
 from importlib import resources
 from pathlib import Path
+from types import SimpleNamespace
 
 import polars as pl
 import pytest
@@ -112,14 +113,12 @@ class Asking:
             return list(events)[-1]
 
 
-class Clock:
+@pytest.fixture
+def clock(monkeypatch):
     """Seconds that pass when they are told to."""
-
-    def __init__(self):
-        self.now = 0.0
-
-    def __call__(self):
-        return self.now
+    made = SimpleNamespace(now=0.0)
+    monkeypatch.setattr(jobs, "clock", lambda: made.now)
+    return made
 
 
 @pytest.fixture(scope="module")
@@ -614,8 +613,9 @@ def test_a_verdict_stays_where_its_report_fails(page):
     assert page.refused("GET", f"/jobs/{job}/report.html") == (500, sentence)
 
 
-def test_the_queue_is_bounded(opening):
-    page = opening(workers=1, most_waiting=2, limits=Limits(60.0, 0.5))
+def test_the_queue_is_bounded(opening, monkeypatch):
+    monkeypatch.setattr(jobs, "MOST_WAITING", 2)
+    page = opening(workers=1, limits=Limits(60.0, 0.5))
     page.json("GET", "/choices")
     first = page.job(b"sleep")
     with page.events(first) as events:
@@ -635,9 +635,8 @@ def test_many_drops_at_once_are_all_answered(page):
     assert reported == [{"done": {"status": "identified"}}] * 20
 
 
-def test_what_is_old_is_forgotten(opening):
-    clock = Clock()
-    page = opening(clock=clock)
+def test_what_is_old_is_forgotten(opening, clock):
+    page = opening()
     server = page.server
     log = page.dropped(b"well")
     job = page.json("POST", "/jobs", {"logs": [log]})["job"]
@@ -653,9 +652,8 @@ def test_what_is_old_is_forgotten(opening):
     assert {path.name for path in server.folder.rglob("*")} == {"logs", "jobs", LOCK}
 
 
-def test_old_logs_make_room_and_those_of_jobs_stay(opening):
-    clock = Clock()
-    page = opening(clock=clock, workers=1, limits=Limits(60.0, 0.5))
+def test_old_logs_make_room_and_those_of_jobs_stay(opening, clock):
+    page = opening(workers=1, limits=Limits(60.0, 0.5))
     used = page.dropped(b"sleep" + bytes(900))
     job = page.json("POST", "/jobs", {"logs": [used]})["job"]
     others = []

@@ -31,8 +31,6 @@ class Shard:
 
     folder: table.FleetFolder  # where the rows go
     options: table.FleetOptions  # what is asked of every log
-    # whether each log has its limits, in a process that may die of it; else it is read in this one
-    guarded: bool = True
     page_of: table.PageOf | None = None  # what makes the report of a flight; without one there are no reports
     only_reports: bool = False  # whether rows are there already and reports are missing
 
@@ -57,9 +55,9 @@ class Shard:
 
     def _row(self, log: Log) -> dict[str, Any]:
         """Row of a log, whose report is written here: what fails at that is not the log's fault."""
-        function: Callable[[Log], dict[str, Any]] = table.RowOfLog(self.options, self.page_of)
-        try:
-            row = (kept_process(function, self.options.limits) if self.guarded else function)(log)
+        function = table.RowOfLog(self.options, self.page_of)
+        try:  # in a process that may die of it
+            row: dict[str, Any] = kept_process(function, self.options.limits)(log)
         except process_pool.LimitError as error:
             return table.failed_row(self.options.row_of(log), str(error))
         page = row.pop(table.PAGE, None)
@@ -134,9 +132,7 @@ def run_fleet(
     options: table.FleetOptions,
     *,
     executor: process_pool.Executor | None = None,
-    guarded: bool = True,
     shared: bool = False,
-    shard_logs: int | None = None,
     progress: ItemsDone = no_items_callback,
     page_of: table.PageOf | None = None,
 ) -> FleetRun:
@@ -154,10 +150,10 @@ def run_fleet(
     fleet_folder = table.FleetFolder(folder)
     fleet_folder.check(options)
     with table.report_fleet_errors(folder), held(folder):
-        shard = Shard(fleet_folder.begin(), options, guarded, page_of)
-        run = _Run(shard, executor or process_pool.InProcess(), shared, shard_logs, progress)
+        shard, alone = Shard(fleet_folder.begin(), options, page_of), process_pool.InProcess()
         try:
-            return run.done(logs_found)
+            logs = _hashed(logs_found.logs, executor if shared and executor else alone)
+            return _done(shard, logs_found, logs, executor or alone, progress)
         except table.SupersededError as error:
             raise _taken_over(folder) from error
         finally:
@@ -178,67 +174,65 @@ def compact_fleet(folder: Path) -> tuple[int, int]:
     return table.read_flights(folder, ["name"]).height, len(table.part_files(folder))
 
 
-@dataclass(frozen=True, slots=True)
-class _Run:
-    shard: Shard
-    executor: process_pool.Executor
-    shared: bool
-    shard_logs: int | None
-    progress: ItemsDone
+def _done(
+    shard: Shard,
+    logs_found: LogsFound,
+    logs: pl.DataFrame,
+    executor: process_pool.Executor,
+    progress: ItemsDone,
+) -> FleetRun:
+    folder, options = shard.folder, shard.options
+    opened, new, copies = _work_of(logs, folder.there(options.motion))
+    total, before = logs.height, opened.height - new.height - copies.height
+    if before < total:
+        folder.state(options)
+    folder.replace_unopened(logs, options)
+    progress(before, total)
+    motion, due, done = options.chosen_motion(), time.monotonic() + MERGE_S, before
+    for rows in _mapped(executor, shard, new):
+        done += rows
+        progress(done, total)
+        if (start_s := time.monotonic()) > due:
+            folder.merge(motion)
+            due = time.monotonic() + max(MERGE_S, MERGE_TIMES * (time.monotonic() - start_s))
+    for part in copies.iter_slices(COPIES):
+        firsts = zip(LogList(part), part["first"], strict=True)
+        folder.write([table.copy_row(options.row_of(log), first) for log, first in firsts])
+    folder.merge(motion)
+    there = folder.there(options.motion)
+    if shard.page_of is not None:
+        with closing(table.reports_there(folder.folder)) as reports:
+            reported = pl.DataFrame({"sha256": list(reports)}, schema={"sha256": pl.String})
+        results = there.filter(~pl.col("verdict").is_in([table.COPY, table.FAILED]))
+        wanted = logs.join(results, on=KEY, how="semi", maintain_order="left")
+        wanted = wanted.join(reported, on="sha256", how="anti", maintain_order="left")
+        for _ in _mapped(executor, replace(shard, only_reports=True), wanted):
+            pass
+    progress(total, total)
+    verdicts = Counter(there.join(opened, on=KEY, how="semi")["verdict"])
+    rows = verdicts.total()
+    if rows != opened.height:
+        raise _taken_over(folder.folder)
+    verdicts[table.FAILED] += total - rows
+    others, unread = logs_found.others, logs_found.unread_folders
+    return FleetRun(total, before, +verdicts, others, unread, there.height - rows)
 
-    def done(self, logs_found: LogsFound) -> FleetRun:
-        folder, options = self.shard.folder, self.shard.options
-        logs = self._hashed(logs_found.logs)
-        opened, new, copies = _work_of(logs, folder.there(options.motion))
-        total, before = logs.height, opened.height - new.height - copies.height
-        if before < total:
-            folder.state(options)
-        folder.replace_unopened(logs, options)
-        self.progress(before, total)
-        motion, due, done = options.chosen_motion(), time.monotonic() + MERGE_S, before
-        for rows in self._mapped(self.shard, new, self.shard_logs):
-            done += rows
-            self.progress(done, total)
-            if (start_s := time.monotonic()) > due:
-                folder.merge(motion)
-                due = time.monotonic() + max(MERGE_S, MERGE_TIMES * (time.monotonic() - start_s))
-        for part in copies.iter_slices(COPIES):
-            firsts = zip(LogList(part), part["first"], strict=True)
-            folder.write([table.copy_row(options.row_of(log), first) for log, first in firsts])
-        folder.merge(motion)
-        there = folder.there(options.motion)
-        if self.shard.page_of is not None:
-            with closing(table.reports_there(folder.folder)) as reports:
-                reported = pl.DataFrame({"sha256": list(reports)}, schema={"sha256": pl.String})
-            results = there.filter(~pl.col("verdict").is_in([table.COPY, table.FAILED]))
-            wanted = logs.join(results, on=KEY, how="semi", maintain_order="left")
-            wanted = wanted.join(reported, on="sha256", how="anti", maintain_order="left")
-            for _ in self._mapped(replace(self.shard, only_reports=True), wanted):
-                pass
-        self.progress(total, total)
-        verdicts = Counter(there.join(opened, on=KEY, how="semi")["verdict"])
-        rows = verdicts.total()
-        if rows != opened.height:
-            raise _taken_over(folder.folder)
-        verdicts[table.FAILED] += total - rows
-        others, unread = logs_found.others, logs_found.unread_folders
-        return FleetRun(total, before, +verdicts, others, unread, there.height - rows)
 
-    def _hashed(self, logs: LogList) -> pl.DataFrame:
-        """The list with the hash of each log, or why it cannot be opened; no second list is made."""
-        executor = self.executor if self.shared else process_pool.InProcess()
-        pages: dict[int, pl.DataFrame] = {}
-        with closing(executor.map(_all_hashed, logs.pages())) as results:
-            for number, page in results:
-                known = [(log.sha256 or None, log.problem) for log in page]
-                pages[number] = pl.DataFrame(known, schema=dict.fromkeys(HASHED, pl.String), orient="row")
-        return logs.table.with_columns(pl.concat([pages[number] for number in sorted(pages)]))
+def _hashed(logs: LogList, executor: process_pool.Executor) -> pl.DataFrame:
+    """The list with the hash of each log, or why it cannot be opened; no second list is made."""
+    pages: dict[int, pl.DataFrame] = {}
+    with closing(executor.map(_all_hashed, logs.pages())) as results:
+        for number, page in results:
+            known = [(log.sha256 or None, log.problem) for log in page]
+            pages[number] = pl.DataFrame(known, schema=dict.fromkeys(HASHED, pl.String), orient="row")
+    return logs.table.with_columns(pl.concat([pages[number] for number in sorted(pages)]))
 
-    def _mapped(self, shard: Shard, logs: pl.DataFrame, size: int | None = None) -> Iterable[int]:
-        size = size or min(MOST_LOGS, max(1, logs.height // TASKS))
-        with closing(self.executor.map(shard, LogList(logs).pages(size))) as results:
-            for _, rows in results:
-                yield rows
+
+def _mapped(executor: process_pool.Executor, shard: Shard, logs: pl.DataFrame) -> Iterable[int]:
+    size = min(MOST_LOGS, max(1, logs.height // TASKS))
+    with closing(executor.map(shard, LogList(logs).pages(size))) as results:
+        for _, rows in results:
+            yield rows
 
 
 def _taken_over(folder: Path) -> InputError:

@@ -12,7 +12,7 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -105,8 +105,6 @@ class ServeOptions:
     workers: int = 2  # processes at most
     limits: Limits = field(default_factory=Limits)  # of each job
     largest: int = 500_000_000  # bytes of a log at most
-    most_waiting: int = 256  # jobs in the queue
-    clock: Callable[[], float] = time.monotonic
     work: jobs.WorkFunction = jobs.work  # function of the worker processes
 
 
@@ -125,9 +123,9 @@ class Server:
         self._held = ExitStack()
         self._held.enter_context(folder_lock(self.folder))
         (self.folder / LOCK).chmod(0o600)
-        self.workers = jobs.Workers(chosen.workers, chosen.limits, chosen.most_waiting, chosen.work)
-        self.logs = jobs.KeptLogs(self.folder / "logs", chosen.largest, chosen.clock)
-        self.jobs = jobs.Jobs(self.folder / "jobs", self.workers, chosen.clock)
+        self.workers = jobs.Workers(chosen.workers, chosen.limits, chosen.work)
+        self.logs = jobs.KeptLogs(self.folder / "logs", chosen.largest)
+        self.jobs = jobs.Jobs(self.folder / "jobs", self.workers)
         self._uvicorn = uvicorn.Server(
             uvicorn.Config(
                 Gate(_Routes(self).application(), self.port, self.token),

@@ -62,8 +62,10 @@ def work(item: Task, report: ProgressCallback) -> Outcome:
     return resolve_name("eivor.serve.worker:outcome_of")(item, report)
 
 
-#: A process that has worked ends after so long without work [s].
-IDLE_S = 10.0
+#: A process that has worked ends after so long without work [s]; tasks that wait at most.
+IDLE_S, MOST_WAITING = 10.0, 256
+#: By which logs and jobs grow old.
+clock = time.monotonic
 
 
 @dataclass(eq=False)
@@ -81,8 +83,8 @@ class Ticket:
 class Workers:
     """At most `count` processes that do tasks by `work`, each within its limits, and the queue."""
 
-    def __init__(self, count: int, limits: Limits, most_waiting: int, function: WorkFunction) -> None:
-        self._limits, self._most_waiting, self._function = limits, most_waiting, function
+    def __init__(self, count: int, limits: Limits, function: WorkFunction) -> None:
+        self._limits, self._function = limits, function
         self._lock = threading.Lock()
         self._threads = ThreadPoolExecutor(count)
         self._waiting: list[Ticket] = []
@@ -93,10 +95,10 @@ class Workers:
     def put(self, ticket: Ticket) -> None:
         """Queue a task; a `RefusedError` when too many wait."""
         with self._lock:
-            if self._closed or len(self._waiting) >= self._most_waiting:
+            if self._closed or len(self._waiting) >= MOST_WAITING:
                 raise RefusedError(
                     HTTPStatus.SERVICE_UNAVAILABLE,
-                    f"at most {self._most_waiting} tasks that wait",
+                    f"at most {MOST_WAITING} tasks that wait",
                     "one more",
                     "Wait until some are done, or cancel them.",
                 )
@@ -206,19 +208,13 @@ class Job:
     """A job and what has happened of it."""
 
     def __init__(
-        self,
-        name: str,
-        job_request: JobRequest,
-        logs: dict[str, KeptLog],
-        folder: Path,
-        workers: Workers,
-        clock: Callable[[], float],
+        self, name: str, job_request: JobRequest, logs: dict[str, KeptLog], folder: Path, workers: Workers
     ) -> None:
         self.name, self.request, self.folder = name, job_request, folder
         self.logs = tuple(logs)
         self.over_at: float | None = None
         self.cancelled = False
-        self._workers, self._clock = workers, clock
+        self._workers = workers
         self._change = threading.Condition()
         self._begun_at = time.monotonic()
         self._events: list[Event] = [{"stage": WAITING}]
@@ -292,15 +288,15 @@ class Job:
     def _add(self, event: Event) -> None:
         self._events.append(event)
         if "stage" not in event:
-            self.over_at = self._clock()
+            self.over_at = clock()
         self._change.notify_all()
 
 
 class Jobs:
     """The jobs of a run."""
 
-    def __init__(self, folder: Path, workers: Workers, clock: Callable[[], float]) -> None:
-        self._folder, self._workers, self._clock = folder, workers, clock
+    def __init__(self, folder: Path, workers: Workers) -> None:
+        self._folder, self._workers = folder, workers
         self._jobs: dict[str, Job] = {}
         self._lock = threading.Lock()
         folder.mkdir(mode=0o700)
@@ -310,7 +306,7 @@ class Jobs:
         folder = self._folder / name
         folder.mkdir(mode=0o700)
         try:
-            job = Job(name, job_request, logs, folder, self._workers, self._clock)
+            job = Job(name, job_request, logs, folder, self._workers)
         except RefusedError:
             shutil.rmtree(folder)
             raise
@@ -340,7 +336,7 @@ class Jobs:
             return {log for job in self._jobs.values() if job.working for log in job.logs}
 
     def forget_older(self, age_s: float) -> None:
-        oldest = self._clock() - age_s
+        oldest = clock() - age_s
         with self._lock:
             for job in list(self._jobs.values()):
                 if job.over_at is not None and job.over_at < oldest:
@@ -370,8 +366,8 @@ LONGEST_ENDING = 12
 class KeptLogs:
     """The logs of a run."""
 
-    def __init__(self, folder: Path, largest: int, clock: Callable[[], float]) -> None:
-        self._folder, self._largest, self._clock = folder, largest, clock
+    def __init__(self, folder: Path, largest: int) -> None:
+        self._folder, self._largest = folder, largest
         self._entries: dict[str, tuple[KeptLog, float]] = {}  # and when it was used last
         self._coming = 0
         self._lock = threading.Lock()
@@ -392,7 +388,7 @@ class KeptLogs:
             path = self._folder / f"{log}{ending if plain else ''}"
             _write(path, files)
             with self._lock:
-                self._entries[log] = KeptLog(path, name, size), self._clock()
+                self._entries[log] = KeptLog(path, name, size), clock()
         finally:
             with self._lock:
                 self._coming -= size
@@ -422,7 +418,7 @@ class KeptLogs:
             if log not in self._entries:
                 raise absent("a log", log)
             kept, _ = self._entries[log]
-            self._entries[log] = kept, self._clock()
+            self._entries[log] = kept, clock()
             return kept
 
     def forget(self, log: str) -> None:
@@ -434,7 +430,7 @@ class KeptLogs:
     def forget_older(self, age_s: float, in_use: Collection[str]) -> None:
         """Delete the logs that nobody has used for so long, or works on."""
         with self._lock:
-            oldest = self._clock() - age_s
+            oldest = clock() - age_s
             for log, (_, used_at) in list(self._entries.items()):
                 if used_at < oldest and log not in in_use:
                     self._forget(log)
