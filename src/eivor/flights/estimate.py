@@ -10,74 +10,33 @@ from typing import Any, cast
 
 import numpy as np
 
-from eivor.errors import (
-    CollinearError,
-    EstimationError,
-    InputError,
-    InstrumentError,
-    MissingNoiseError,
-    TooFewSamplesError,
-    UsageError,
-)
+from eivor import errors
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import OUTPUT_ERROR, LinearMethod, Method, OutputError
 from eivor.estimation.methods import by_name, identify
 from eivor.estimation.profile_sets import ProfileSets
 from eivor.estimation.weighting import SpectralWhitening
+from eivor.flights import lag_prior, quantity
+from eivor.flights import result as outcome
+from eivor.flights import verdict as verdicts
 from eivor.flights.grid import upward
-from eivor.flights.lag_prior import (
-    EFFECTIVE_LAG,
-    LAG_SUMS,
-    LagPrior,
-    lag_quantities,
-    lag_searched,
-    reciprocal,
-    telemetry_lag,
-    with_lag_prior,
-    within_sum,
-)
+from eivor.flights.lag_prior import LagPrior
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import part_to_read, prepare
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
-from eivor.flights.quantity import (
-    NAN,
-    NO_INTERVAL,
-    Quantity,
-    QuantityEstimate,
-    SystematicUncertainty,
-    widened,
-)
+from eivor.flights.quantity import Quantity, QuantityEstimate, widened
 from eivor.flights.references import CONSTANT, check_declared
-from eivor.flights.result import (
-    Fit,
-    FlightEstimate,
-    fit_diagnostics,
-    fit_numbers,
-    flight_diagnostics,
-    flight_findings,
-)
-from eivor.flights.verdict import (
-    Instruments,
-    MotionChecks,
-    VerdictInputs,
-    reasons_by_quantity,
-    systematic_uncertainties,
-)
+from eivor.flights.result import FlightEstimate
+from eivor.flights.verdict import Instruments, VerdictInputs, reasons_by_quantity, systematic_uncertainties
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
 from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.verdict import Reason, Status, verdict
+from eivor.models import separable
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, of_order
-from eivor.models.separable import (
-    LaggedInputs,
-    LaggedReferences,
-    NoInstruments,
-    Nuisance,
-    SeparableProblem,
-    WarmStart,
-)
+from eivor.models.separable import NoInstruments
 from eivor.signals.recording import Finding, Recording
 from eivor.tools import Progress, Stage, no_stage_callback
 
@@ -96,13 +55,13 @@ def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, meth
         return Instruments(NoInstruments())
     wanted = options.instruments or (method.natural_instruments,)
     if wanted == ("lags",):
-        return Instruments(LaggedInputs(method.first_past_input), exogenous=False, past_inputs=True)
+        return Instruments(separable.LaggedInputs(method.first_past_input), exogenous=False, past_inputs=True)
     references = [reference for flight in flying for reference in flight.references]
     first, *others = (flight.usable_references for flight in flying)
     shared = tuple(name for name in first if all(name in names for names in others))
     if shared:
         clean = all(reference.exogenous for reference in references if reference.usable)
-        return Instruments(LaggedReferences(shared), exogenous=clean, names=shared)
+        return Instruments(separable.LaggedReferences(shared), exogenous=clean, names=shared)
     remarks = {f"{reference.name}: {reference.remark}" for reference in references if not reference.usable}
     missing = "; ".join(sorted(remarks)) or "the log has none"
     constant = any(reference.remark == CONSTANT for reference in references)
@@ -146,13 +105,13 @@ class FlightState:
     # Made by the stages, in this order; None until then
     instruments: Instruments | Any = None
     method: Method | Any = None
-    problem: SeparableProblem | Any = None
+    problem: separable.SeparableProblem | Any = None
     sensors: SensorAgreement | None = None
     estimate: Estimate | Any = None
     lag_prior: LagPrior | None = None
-    without_prior: tuple[SeparableProblem, Estimate] | None = None
+    without_prior: tuple[separable.SeparableProblem, Estimate] | None = None
     findings: tuple[Finding, ...] = ()
-    fit: Fit | Any = None
+    fit: outcome.Fit | Any = None
 
     @property
     def flying(self) -> tuple[PreparedFlight, ...]:
@@ -191,7 +150,7 @@ def pose_problem(state: FlightState) -> FlightState:
     return replace(state, problem=posed(state))
 
 
-def posed(state: FlightState) -> SeparableProblem:
+def posed(state: FlightState) -> separable.SeparableProblem:
     """Problem of the order that was requested."""
     problem = state.motion.problem(state.flying, state.instruments.rule)
     return problem.with_nuisances(of_order(problem.nuisances, state.options.order))
@@ -203,7 +162,7 @@ def estimate_parameters(state: FlightState) -> FlightState:
     try:
         problem, estimate = refined(state.problem, solve, state.options)
         return replace(state, problem=problem, estimate=estimate)
-    except (InstrumentError, CollinearError) as error:
+    except (errors.InstrumentError, errors.CollinearError) as error:
         if state.options.lag is not None and state.lag_prior is None:
             return state  # too few for the lag as well, which is given
         if not state.motion.abilities.whitened or not state.instruments.names:
@@ -211,14 +170,14 @@ def estimate_parameters(state: FlightState) -> FlightState:
         return without_references(state, error)
 
 
-def without_references(state: FlightState, error: EstimationError) -> FlightState:
+def without_references(state: FlightState, error: errors.EstimationError) -> FlightState:
     """The estimate by the direct method of the motion, where references are too few for its unknowns."""
     missing = f"{', '.join(state.instruments.names)} alone cannot move all that the equations have"
     chosen, method = Instruments(NoInstruments(), missing=missing), by_name("whitened_least_squares")
     state = replace(state, instruments=chosen, method=method)
     try:
         return estimate_parameters(replace(state, problem=posed(state)))
-    except CollinearError:
+    except errors.CollinearError:
         raise error from None
 
 
@@ -229,7 +188,7 @@ def apply_lag_prior(state: FlightState) -> FlightState:
     state = replace(state, lag_prior=prior, findings=findings)
     if prior is not None and not prior.closer_alone:
         alone = None if estimate is None else (problem, estimate)
-        problem = with_lag_prior(problem, prior.for_the_log)
+        problem = lag_prior.with_lag_prior(problem, prior.for_the_log)
         state = estimate_parameters(replace(state, problem=problem, without_prior=alone))
     return replace(state, prepared=state.motion.abilities.refined_flights(state.prepared, state.problem))
 
@@ -242,7 +201,7 @@ def minimise_output_error(state: FlightState) -> FlightState:
     first, problem = state.estimate, state.problem
     result, findings = refined(first, state.flying)
     known = tuple(item.known_at(result.nuisances[item.name]) for item in problem.nuisances)
-    start = WarmStart(result.theta, result.nuisances)
+    start = separable.WarmStart(result.theta, result.nuisances)
     rows = identify(replace(cast("Any", problem), nuisances=known, warm_start=start), state.method.of_flights)
     result = replace(
         result,
@@ -258,13 +217,13 @@ def minimise_output_error(state: FlightState) -> FlightState:
 
 def diagnose_fit(state: FlightState) -> FlightState:
     """The fit, with diagnostics of the estimate, of its residual and of the motion."""
-    checks = fit_diagnostics(state.motion.traces(state.problem, state.estimate), state.estimate)
+    checks = outcome.fit_diagnostics(state.motion.traces(state.problem, state.estimate), state.estimate)
     if state.without_prior is not None:
         # what was given is compared with the flight by itself, and is nothing that instruments say
         checks = replace(checks, agreement=diagnose(state.without_prior[1]).over_identification)
     if state.agreement is not None and checks.agreement is not None:
         checks = replace(checks, agreement=state.agreement)
-    fit = Fit(
+    fit = outcome.Fit(
         state.problem,
         state.estimate,
         state.instruments.rule.label,
@@ -285,7 +244,7 @@ def build_confidence_sets(state: FlightState) -> FlightState:
     maker = ProfileSets(state.problem, state.estimate)
     headline = [name for name in state.motion.quantities.headline if name in linear]
     known = {name: maker.of_parameter(name) for name in headline}
-    sums = LAG_SUMS.items()
+    sums = lag_prior.LAG_SUMS.items()
     lags = {name: maker.of_nuisances(parts) for name, parts in sums if name in state.motion.quantities}
     weak = any(not F >= STRONG_FIRST_STAGE for F in state.fit.checks.first_stage.values())
     if weak or any(item is not None and not item.profile.is_bounded for item in known.values()):
@@ -336,8 +295,10 @@ def estimated(state: FlightState, progress: Progress = no_stage_callback) -> Fli
                 progress(Stage.DIAGNOSING)
             state = stage(state)
         return judge(state)
-    except (EstimationError, TooFewSamplesError) as error:
-        return without_fit(state, str(error), "" if isinstance(error, MissingNoiseError) else words.fly)
+    except (errors.EstimationError, errors.TooFewSamplesError) as error:
+        return without_fit(
+            state, str(error), "" if isinstance(error, errors.MissingNoiseError) else words.fly
+        )
 
 
 def known_lag(state: FlightState) -> tuple[LagPrior | None, tuple[Finding, ...]]:
@@ -345,20 +306,20 @@ def known_lag(state: FlightState) -> tuple[LagPrior | None, tuple[Finding, ...]]
     flying, options, problem, alone = state.flying, state.options, state.problem, state.estimate
     slack_s = max(flight.command_slack_s for flight in flying)
     if options.lag is not None:
-        if not lag_searched(problem):
+        if not lag_prior.lag_searched(problem):
             received = "one whose actuators' state was measured, or a motion without a lag"
             remedy = "Leave out what is known of the lag, or name the command with --input."
-            raise UsageError("a flight whose actuators' lag is searched for", received, remedy)
+            raise errors.UsageError("a flight whose actuators' lag is searched for", received, remedy)
         if alone is None:
             return LagPrior(options.lag, slack_s=slack_s), ()
         strong = bool(np.all(alone.first_stage >= STRONG_FIRST_STAGE))
-        alone_lag = lag_quantities(problem, alone)[EFFECTIVE_LAG]
+        alone_lag = lag_prior.lag_quantities(problem, alone)[lag_prior.EFFECTIVE_LAG]
         return LagPrior(options.lag, alone_lag, slack_s, strong=strong), ()
-    if alone is None or not lag_searched(problem):
+    if alone is None or not lag_prior.lag_searched(problem):
         return None, ()
-    by_telemetry = telemetry_lag(flying, state.motion.channels.telemetry)
+    by_telemetry = lag_prior.telemetry_lag(flying, state.motion.channels.telemetry)
     measurements = [item for item in (by_telemetry, *state.lag_measurements()) if item is not None]
-    alone_lag = lag_quantities(problem, alone)[EFFECTIVE_LAG]
+    alone_lag = lag_prior.lag_quantities(problem, alone)[lag_prior.EFFECTIVE_LAG]
     noticed: list[Finding] = []
     for item in sorted(measurements, key=lambda entry: entry.std):
         # telemetry answers the commands as they were logged: what these are late by is in both lags
@@ -370,7 +331,7 @@ def known_lag(state: FlightState) -> tuple[LagPrior | None, tuple[Finding, ...]]
     return None, tuple(noticed)
 
 
-def verdict_inputs(state: FlightState, fit: Fit) -> VerdictInputs:
+def verdict_inputs(state: FlightState, fit: outcome.Fit) -> VerdictInputs:
     """What a verdict needs to know of flights beside the quantities."""
     flying, chosen, covariance = state.flying, state.instruments, fit.estimate.covariance
     # share of the variance of each joint parameter that what is known beforehand makes
@@ -400,7 +361,7 @@ def _of_flights(flying: tuple[PreparedFlight, ...]) -> dict[str, Any]:
     }
 
 
-def with_fit(state: FlightState, fit: Fit, inputs: VerdictInputs) -> FlightEstimate:
+def with_fit(state: FlightState, fit: outcome.Fit, inputs: VerdictInputs) -> FlightEstimate:
     """Result of a fit: quantities with intervals and verdicts."""
     motion, prepared, options = state.motion, state.prepared, state.options
     wording, best = motion.quantities, fit.estimate
@@ -424,16 +385,16 @@ def with_fit(state: FlightState, fit: Fit, inputs: VerdictInputs) -> FlightEstim
     )
     parts = systematic_uncertainties(motion.parts, inputs)
     estimates = with_systematic_uncertainties(motion, estimates, parts)
-    if fit.lag_prior is not None and EFFECTIVE_LAG in estimates:
-        lag = estimates[EFFECTIVE_LAG]
+    if fit.lag_prior is not None and lag_prior.EFFECTIVE_LAG in estimates:
+        lag = estimates[lag_prior.EFFECTIVE_LAG]
         within = fit.lag_prior.within(lag.interval, lag.value)
-        estimates |= {EFFECTIVE_LAG: replace(lag, interval=within)}
+        estimates |= {lag_prior.EFFECTIVE_LAG: replace(lag, interval=within)}
     # of a lag at its least, a delay makes up for the rest, whatever the split
     lags = [item for item in best.profiles if item.nuisance.name == ACTUATOR_LAG.name]
     least = (
         any(best.nuisances[item.nuisance.name] <= item.grid[0] for item in lags) and DELAY.name in searched
     )
-    estimates = within_sum(estimates, unsplit=least)
+    estimates = lag_prior.within_sum(estimates, unsplit=least)
     by_rules = reasons_by_quantity(motion.rules, replace(inputs, quantities=estimates), wording)
     # reasons of the estimate are each quantity's
     reasons = {name: [*by_rule, *best.reasons] for name, by_rule in by_rules.items()}
@@ -444,12 +405,12 @@ def with_fit(state: FlightState, fit: Fit, inputs: VerdictInputs) -> FlightEstim
         if name in estimates
     }
     numbers = {
-        **flight_diagnostics(prepared),
-        **fit_numbers(fit.checks, best, wording.headline),
+        **outcome.flight_diagnostics(prepared),
+        **outcome.fit_numbers(fit.checks, best, wording.headline),
         **({} if fit.sensors is None else fit.sensors.numbers),
         **inputs.checks.numbers,
     }
-    findings = [*flight_findings(prepared, motion.words)]
+    findings = [*outcome.flight_findings(prepared, motion.words)]
     if best.noises:
         noises = "; ".join(noise.sentence for noise in best.noises)
         findings.append(Finding("fitted_noise", f"Noises that fit what the estimate leaves: {noises}."))
@@ -462,7 +423,7 @@ def _reciprocals(
     motion: Motion[Any], estimates: Mapping[str, QuantityEstimate]
 ) -> dict[str, QuantityEstimate]:
     return {
-        name: reciprocal(estimates[spec.reciprocal_of], spec.unit)
+        name: lag_prior.reciprocal(estimates[spec.reciprocal_of], spec.unit)
         for name, spec in motion.quantities.items()
         if spec.reciprocal_of in motion.quantities.headline
     }
@@ -471,7 +432,7 @@ def _reciprocals(
 def with_systematic_uncertainties(
     motion: Motion[Any],
     estimates: Mapping[str, QuantityEstimate],
-    parts: Mapping[str, tuple[SystematicUncertainty, ...]],
+    parts: Mapping[str, tuple[quantity.SystematicUncertainty, ...]],
 ) -> dict[str, QuantityEstimate]:
     """Quantities with their systematic parts; those that follow from a headline that widens follow it."""
     quantities = dict(estimates)
@@ -485,14 +446,14 @@ def with_systematic_uncertainties(
 
 def without_fit(state: FlightState, sentence: str, remedy: str) -> FlightEstimate:
     """Result of flights that gave no estimate."""
-    motion, prepared, numbers = state.motion, state.prepared, flight_diagnostics(state.prepared)
+    motion, prepared, numbers = state.motion, state.prepared, outcome.flight_diagnostics(state.prepared)
     quantities = not_estimated(motion)
     if motion.abilities.known is not None and state.flying:
-        with suppress(TooFewSamplesError):
+        with suppress(errors.TooFewSamplesError):
             known, checks = motion.abilities.known(state.flying)
             quantities, numbers = quantities | _judged(state, known, checks), numbers | checks.numbers
     own_findings = motion.abilities.findings(prepared, quantities)
-    findings = (*flight_findings(prepared, motion.words), *own_findings)
+    findings = (*outcome.flight_findings(prepared, motion.words), *own_findings)
     refused = verdict([Reason(Status.REFUSED, sentence, remedy)])
     return FlightEstimate(motion, state.options, prepared, None, refused, quantities, numbers, findings)
 
@@ -500,14 +461,14 @@ def without_fit(state: FlightState, sentence: str, remedy: str) -> FlightEstimat
 def not_estimated(motion: Motion[Any]) -> dict[str, Quantity]:
     """Quantities of a flight that gives no estimate."""
     return {
-        name: Quantity(NAN, spec.unit, NAN, NO_INTERVAL)
+        name: Quantity(quantity.NAN, spec.unit, quantity.NAN, quantity.NO_INTERVAL)
         for name, spec in motion.quantities.items()
         if not spec.optional
     }
 
 
 def _judged(
-    state: FlightState, known: Mapping[str, QuantityEstimate], checks: MotionChecks
+    state: FlightState, known: Mapping[str, QuantityEstimate], checks: verdicts.MotionChecks
 ) -> dict[str, Quantity]:
     """Quantities that are known without an estimate, with their systematic parts and verdicts."""
     motion = state.motion
@@ -578,7 +539,7 @@ def _lag_by(
         if rates_hz.pop(COMMAND) < LEAST_COMMAND_HZ or min(rates_hz.values()) < LEAST_STATE_HZ:
             return None
         flight = prepare(log, motion, options)
-    except InputError:
+    except errors.InputError:
         return None
     clean = any(reference.usable and reference.exogenous for reference in flight.references)
     state = prepared_states[motion.name] = FlightState(motion, (flight,), options)
@@ -599,10 +560,10 @@ def _lag_by(
     try:
         for stage in STAGES[: STAGES.index(diagnose_fit) + 1]:
             state = stage(state)
-    except (EstimationError, TooFewSamplesError):
+    except (errors.EstimationError, errors.TooFewSamplesError):
         return None
     prepared_states[motion.name] = state
-    return lag_measured_by(motion, judge(state).quantities[EFFECTIVE_LAG])
+    return lag_measured_by(motion, judge(state).quantities[lag_prior.EFFECTIVE_LAG])
 
 
 def _coarse_first_stage(state: FlightState) -> dict[str, float]:
@@ -611,12 +572,12 @@ def _coarse_first_stage(state: FlightState) -> dict[str, float]:
     try:
         problem = posed(state)
         result = identify(problem.with_nuisances(tuple(map(_coarse, problem.nuisances))), state.method)
-    except EstimationError:
+    except errors.EstimationError:
         return {}
     return dict(zip(result.names, map(float, result.first_stage), strict=True))
 
 
-def _coarse(nuisance: Nuisance) -> Nuisance:
+def _coarse(nuisance: separable.Nuisance) -> separable.Nuisance:
     """A nuisance with some of its grid, and nothing between: of a delay, which a lag makes up for, one."""
     if not nuisance.searched:
         return nuisance

@@ -17,18 +17,8 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, QuantityEstimate, QuantitySpec
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, outcome_word
 from eivor.inference.distributions import chi_square_tail
-from eivor.models.lagged_runs import (
-    ACTUATOR_LAG,
-    ASYMMETRY,
-    DELAY,
-    LAG_GRID_S,
-    LAGS_UP_AND_DOWN,
-    SECOND_LAG,
-    SECOND_STAGE,
-    AxisColumns,
-    LaggedRuns,
-    lag_and_delay,
-)
+from eivor.models import lagged_runs
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
 from eivor.models.separable import Bounds, Prior, SeparableProblem, Values
 from eivor.signals.filters import actuator_state
@@ -128,19 +118,19 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
         low, high = (end + (value - alone.value) for end in alone.interval)
         effective = replace(alone, value=value, interval=(low, high), lowest=delay.lowest)
     quantities = {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
-    if SECOND_STAGE.name in joint and lag.value > 0.0:
-        low, high = joint[SECOND_STAGE.name].interval
-        stage = replace(joint[SECOND_STAGE.name], interval=(max(low, 0.0), min(high, 0.25)))
+    if lagged_runs.SECOND_STAGE.name in joint and lag.value > 0.0:
+        low, high = joint[lagged_runs.SECOND_STAGE.name].interval
+        stage = replace(joint[lagged_runs.SECOND_STAGE.name], interval=(max(low, 0.0), min(high, 0.25)))
         ends = np.array([stage.value, *stage.interval])
         second, low, high = (0.5 * lag.value * (1.0 - np.sqrt(1.0 - 4.0 * ends))).tolist()
         error = 0.5 * (high - low) / NORMAL
-        quantities[SECOND_LAG] = QuantityEstimate(second, "s", error, (low, high), lowest=0.0)
-        quantities[SECOND_STAGE.name] = stage
-    if ASYMMETRY.name in joint:
-        quantities[ASYMMETRY.name] = joint[ASYMMETRY.name]
-        for name, sign in zip(LAGS_UP_AND_DOWN, (1.0, -1.0), strict=True):
-            share = 1.0 / (1.0 + sign * joint[ASYMMETRY.name].value)
-            by_lag, by_asymmetry = map(estimate.direction, (ACTUATOR_LAG.name, ASYMMETRY.name))
+        quantities[lagged_runs.SECOND_LAG] = QuantityEstimate(second, "s", error, (low, high), lowest=0.0)
+        quantities[lagged_runs.SECOND_STAGE.name] = stage
+    if lagged_runs.ASYMMETRY.name in joint:
+        quantities[lagged_runs.ASYMMETRY.name] = joint[lagged_runs.ASYMMETRY.name]
+        for name, sign in zip(lagged_runs.LAGS_UP_AND_DOWN, (1.0, -1.0), strict=True):
+            share = 1.0 / (1.0 + sign * joint[lagged_runs.ASYMMETRY.name].value)
+            by_lag, by_asymmetry = map(estimate.direction, (ACTUATOR_LAG.name, lagged_runs.ASYMMETRY.name))
             direction = share * by_lag - sign * lag.value * share**2 * by_asymmetry
             quantities[name] = replace(
                 linear_quantity(estimate, "s", share * lag.value, direction), lowest=0.0
@@ -289,7 +279,7 @@ def with_lag_prior(problem: SeparableProblem, known: Prior | Bounds) -> Separabl
     """Return the problem with what is known of the sum of lag and delay."""
     nuisances = {nuisance.name: nuisance for nuisance in problem.nuisances}
     if known == NO_LAG:
-        none = (*LAG_SUMS, SECOND_STAGE.name)
+        none = (*LAG_SUMS, lagged_runs.SECOND_STAGE.name)
         nuisances |= {name: item.known_at(0.0) for name, item in nuisances.items() if name in none}
     elif ACTUATOR_LAG.name in nuisances:
         if isinstance(known, Bounds):
@@ -318,7 +308,7 @@ SLOPE, CURVATURE = Parameter("telemetry_slope", ""), Parameter("telemetry_curvat
 
 def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> LagPrior | None:
     """Lag of the actuators by the telemetry of flights that have it: the first family that the log has."""
-    columns: list[AxisColumns] = []
+    columns: list[lagged_runs.AxisColumns] = []
     for number, flight in enumerate(flights):
         channels = next(filter(None, map(flight.recording.family, families)), [])
         quick = all(channel.rate_hz >= TELEMETRY_RATE_HZ for channel in channels)
@@ -326,7 +316,7 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
             columns.append(_columns(number, flight.shortened, channels))
     if not any(column.runs for column in columns):
         return None
-    problem = LaggedRuns(tuple(columns), (SLOPE, CURVATURE), lag_and_delay())
+    problem = lagged_runs.LaggedRuns(tuple(columns), (SLOPE, CURVATURE), lagged_runs.lag_and_delay())
     try:
         estimate = identify(problem, least_squares())
         lag_quantity = lag_quantities(problem, estimate)[EFFECTIVE_LAG]
@@ -334,7 +324,7 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
         return None
     response = estimate.rows.response
     left = float(estimate.residuals @ estimate.residuals) / float(response @ response)
-    at_the_end = estimate.nuisances[ACTUATOR_LAG.name] >= 0.999 * LAG_GRID_S[-1]
+    at_the_end = estimate.nuisances[ACTUATOR_LAG.name] >= 0.999 * lagged_runs.LAG_GRID_S[-1]
     if not left < LARGEST_SHARE_LEFT or at_the_end or not np.isfinite(lag_quantity.half_width):
         return None
     own_delay_s = hypot(OWN_DELAY_S, max(column.step_s for column in columns) / sqrt(12.0))
@@ -343,7 +333,7 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
     )
 
 
-def _columns(number: int, flight: PreparedFlight, channels: list[Channel]) -> AxisColumns:
+def _columns(number: int, flight: PreparedFlight, channels: list[Channel]) -> lagged_runs.AxisColumns:
     """Mean of the telemetry at the first channel's stamps, and the runs of the flight among these."""
     finite = [(channel, np.isfinite(channel.values)) for channel in channels]
     known = [(channel.time_s[good], channel.values[good]) for channel, good in finite if good.any()]
@@ -358,7 +348,7 @@ def _columns(number: int, flight: PreparedFlight, channels: list[Channel]) -> Ax
         return np.column_stack([away, away**2])
 
     ends = [np.searchsorted(time_s, grid.time_s[[run.start, run.stop - 1]]).tolist() for run in flight.runs]
-    return AxisColumns(
+    return lagged_runs.AxisColumns(
         step_s=1.0 / channels[0].rate_hz,
         runs=tuple(slice(first, last) for first, last in ends if last - first > 2),
         responses=mean[:, None],

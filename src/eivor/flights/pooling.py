@@ -17,20 +17,13 @@ from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.pool import Pooled, pooled
 from eivor.estimation.weighting import SpectralWhitening
+from eivor.flights import result as outcome
 from eivor.flights.estimate import FlightState, instruments, known_lag, posed, verdict_inputs, with_fit
 from eivor.flights.lag_prior import LAG_SUMS, with_lag_prior
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.result import (
-    Fit,
-    FitDiagnostics,
-    FlightEstimate,
-    FlightRow,
-    fit_diagnostics,
-    flight_findings,
-    pooled_traces,
-)
+from eivor.flights.result import FlightEstimate
 from eivor.flights.verdict import Instruments, VerdictInputs
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.models.lagged_runs import ACTUATOR_LAG
@@ -125,7 +118,7 @@ def _quantities_of_draws(
     return quantities
 
 
-def agreement(alone: Sequence[FitDiagnostics]) -> OverIdentification | None:
+def agreement(alone: Sequence[outcome.FitDiagnostics]) -> OverIdentification | None:
     """Whether the instruments agree in the flights of a pool, each by itself."""
     agreements = [item.agreement for item in alone if item.agreement is not None]
     known = sorted(item.p_value for item in agreements if np.isfinite(item.p_value))
@@ -176,7 +169,7 @@ class Member:
 
     logged: PreparedFlight
     flight: PreparedFlight
-    fit: Fit
+    fit: outcome.Fit
     exogenous: bool
 
 
@@ -200,7 +193,7 @@ def pooled_result(state: FlightState, alone: Sequence[FlightEstimate]) -> Flight
     omitted = [item.recording.name for item in prepared if item.runs and id(item) not in serving]
     why = "is not in the pool: it gives no estimate by a reference like the others'."
     left_out = (Finding("left_out_of_pool", f"{name} {why}") for name in omitted)
-    findings = (*flight_findings(in_order, motion.words), *left_out, *result.findings)
+    findings = (*outcome.flight_findings(in_order, motion.words), *left_out, *result.findings)
     return replace(result, prepared=in_order, findings=findings)
 
 
@@ -245,12 +238,12 @@ def _result(state: FlightState, members: tuple[Member, ...], chosen: Instruments
     # strength and agreement of the instruments as the flights have them
     stages = [_first_stage(pool, number) for number in range(len(members))]
     checks = replace(
-        fit_diagnostics(pooled_traces(motion, pool), estimate),
+        outcome.fit_diagnostics(outcome.pooled_traces(motion, pool), estimate),
         first_stage={name: float(np.median([item[name] for item in stages])) for name in stages[0]},
         rank=pool.criterion.instruments,
         agreement=agreement([item.checks for item in fits]),
     )
-    fit = Fit(
+    fit = outcome.Fit(
         problem,
         estimate,
         chosen.rule.label,
@@ -277,8 +270,8 @@ def _result(state: FlightState, members: tuple[Member, ...], chosen: Instruments
 
 
 def _by_flight(
-    state: FlightState, members: tuple[Member, ...], fit: Fit, pool: Pooled, inputs: VerdictInputs
-) -> Iterator[FlightRow]:
+    state: FlightState, members: tuple[Member, ...], fit: outcome.Fit, pool: Pooled, inputs: VerdictInputs
+) -> Iterator[outcome.FlightRow]:
     motion = state.motion
     of_own = {name: pool.member_sets(name) for name in pool.flight_specific}
     shared = {name: profile for name, profile in fit.profiles.items() if name not in pool.flight_specific}
@@ -295,7 +288,7 @@ def _by_flight(
             checks=checks,
         )
         of_flight = _known({name: each[number] for name, each in of_own.items()})
-        flight_fit = Fit(
+        flight_fit = outcome.Fit(
             problem,
             estimate,
             member.fit.instruments,
@@ -306,7 +299,7 @@ def _by_flight(
             motion_checks=checks,
         )
         result, name = with_fit(replace(state, prepared=flight), flight_fit, here), flight[0].recording.name
-        yield FlightRow(name, result.verdict.status, result.quantities, result.verdict.sentences)
+        yield outcome.FlightRow(name, result.verdict.status, result.quantities, result.verdict.sentences)
 
 
 def _first_stage(pool: Pooled, number: int) -> dict[str, float]:

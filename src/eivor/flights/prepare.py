@@ -10,16 +10,11 @@ import numpy as np
 from eivor.errors import MissingChannelError, PoolingError, UsageError, did_you_mean
 from eivor.estimation.linear import OUTPUT_ERROR, OutputError
 from eivor.estimation.methods import by_name
+from eivor.flights import prepared
 from eivor.flights.grid import Active, Grid, Mask, bridged, command_on_grid, common_grid, on_grid, upward
 from eivor.flights.motion import Motion
 from eivor.flights.options import FIT_MAP, FlightOptions
-from eivor.flights.prepared import (
-    LARGEST_INPUT_RATIO,
-    PreparedFlight,
-    Selection,
-    mask_of,
-    matched_interpolation_filter,
-)
+from eivor.flights.prepared import PreparedFlight
 from eivor.flights.references import jumps, named_reference, noise_findings, noise_levels, references
 from eivor.flights.timestamps import Clock, as_issued, check_rate, command_clock, known_clock
 from eivor.signals.channels import common_side, family_members
@@ -51,7 +46,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     issued = tuple(_issued(command, clocks) for command in selected.commands)
     channels, stands = _gridded(selected, grid, issued)
     if selected.matched_interpolation_filter:
-        channels = matched_interpolation_filter(channels, selected, clocks, grid)
+        channels = prepared.matched_interpolation_filter(channels, selected, clocks, grid)
     level = np.stack([channels[command.name] for command in selected.commands], axis=1).mean(axis=1)
     active = selected.active(log, grid, level)
     inside = np.ones(grid.count, dtype=np.bool_)
@@ -62,7 +57,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     for name, least in selected.at_least.items():
         usable &= channels[name] >= least
     runs = _runs(standing, usable, grid.step_s)
-    used = mask_of(runs, grid.count) & usable
+    used = prepared.mask_of(runs, grid.count) & usable
     candidates = references(log, motion.channels.references, grid, used)
     words = [word for word in options.instruments if word not in {"references", "lags"}]
     named = [name for word in words for name in family_members(word, log.channels) or [word]]
@@ -135,7 +130,7 @@ def _runs(standing: Mask, usable: Mask, step_s: float) -> list[slice]:
 
 def _shortfall(
     motion: Motion[Any],
-    selected: Selection,
+    selected: prepared.Selection,
     grid: Grid,
     inside: Mask,
     stands: Mapping[str, Mask],
@@ -163,7 +158,7 @@ def _shortfall(
 
 def _selected(
     recording: Recording, motion: Motion[Any], options: FlightOptions
-) -> tuple[Recording, Selection]:
+) -> tuple[Recording, prepared.Selection]:
     """The log, z up, and the channels of a motion, none of them empty."""
     log = upward(recording)
     selected = motion.select(log, options)
@@ -180,7 +175,7 @@ def _selected(
     return selected.log or log, selected
 
 
-def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[str, Clock]:
+def _clocks(log: Recording, selected: prepared.Selection, rate_hz: float | None) -> dict[str, Clock]:
     """When each held command was logged and issued, at a rate that is given or among the log's parameters."""
     rates = (rate_hz, *(log.parameters.get(name) for name in CONTROLLER_RATES))
     known_hz = next((rate for rate in rates if rate), None)
@@ -206,7 +201,7 @@ def _issued(command: Channel, clocks: Mapping[str, Clock]) -> Channel:
 
 
 def _gridded(
-    selected: Selection, grid: Grid, issued: tuple[Channel, ...]
+    selected: prepared.Selection, grid: Grid, issued: tuple[Channel, ...]
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], dict[str, Mask]]:
     """Values of every channel on the grid, and where each of them stands on data."""
     commands = {command.name: command for command in issued}
@@ -285,7 +280,7 @@ def _vehicle_difference(first: PreparedFlight, other: PreparedFlight, motion: Mo
         if None not in values and values[0] != values[1]:
             return f"{name} = {values[0]} and {values[1]}"
     levels = [flight.input_level for flight in (first, other) if flight.runs]
-    if len(levels) == 2 and max(levels) > LARGEST_INPUT_RATIO * min(levels):
+    if len(levels) == 2 and max(levels) > prepared.LARGEST_INPUT_RATIO * min(levels):
         return f"inputs of {levels[0]:.4g} and {levels[1]:.4g} on average, which are not on one scale"
     return ""
 

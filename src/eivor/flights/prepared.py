@@ -10,27 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eivor.errors import (
-    EstimationError,
-    InputError,
-    InstrumentError,
-    MissingChannelError,
-    TooFewSamplesError,
-    UsageError,
-    did_you_mean,
-)
+from eivor import errors
+from eivor.errors import EstimationError, InputError
 from eivor.estimation.methods import identify, reference_iv
-from eivor.flights.grid import (
-    Active,
-    Between,
-    Grid,
-    airborne_by_log,
-    around,
-    command_on_grid,
-    curve_between,
-    line_between,
-    unlogged,
-)
+from eivor.flights import grid as grids
+from eivor.flights.grid import Active, Between, Grid, airborne_by_log, around, command_on_grid, curve_between
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import PlotData
 from eivor.flights.references import NoiseLevel, Reference
@@ -128,7 +112,7 @@ def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> 
             if difference.matters and difference.p_value < BEYOND_DOUBT and alone.p_value >= SIGNIFICANT:
                 either[parameter.name] = difference
         return replace(together, either=either)
-    except (EstimationError, InstrumentError, TooFewSamplesError):
+    except (EstimationError, errors.InstrumentError, errors.TooFewSamplesError):
         return None
 
 
@@ -138,14 +122,14 @@ def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> tuple[SensorAg
     J, p_value = estimate.over_identification
     by = (estimate.with_covariance(kind) for kind in (Classical(), EqualWeightedCosines(AVERAGES)))
     parts = [part.matrix for result in by for part in result.joint_covariance.parts]
-    errors = np.sqrt(np.max([np.diag(part) for part in parts], axis=0))
-    if not bool((errors > 0.0).all()):
+    std_errors = np.sqrt(np.max([np.diag(part) for part in parts], axis=0))
+    if not bool((std_errors > 0.0).all()):
         received = "sensors that differ by nothing, or by exactly what is sought"
         raise EstimationError("sensors whose difference has an error", received, "Give what was measured.")
     values = estimate.values
-    scaled, correlation = values / errors, parts[0] / np.outer(errors, errors)
+    scaled, correlation = values / std_errors, parts[0] / np.outer(std_errors, std_errors)
     wald = float(scaled @ np.linalg.lstsq(correlation, scaled, rcond=None)[0])
-    named = zip(estimate.names, values.tolist(), errors.tolist(), strict=True)
+    named = zip(estimate.names, values.tolist(), std_errors.tolist(), strict=True)
     differences = {name: Difference(value, error, least.get(name, 0.0)) for name, value, error in named}
     agreement = OverIdentification(J, estimate.degrees, 1.0 if math.isnan(p_value) else p_value)
     return SensorAgreement(differences, agreement), chi_square_tail(wald, values.size)
@@ -202,7 +186,7 @@ class Selection:
     def between(self, channel: Channel) -> Between:
         """What a channel was between its stamps."""
         measured = any(channel is item for item in (*self.states.values(), *self.responses.values()))
-        return curve_between if measured and not self.matched_interpolation_filter else line_between
+        return curve_between if measured and not self.matched_interpolation_filter else grids.line_between
 
     @property
     def logged_responses(self) -> tuple[Channel, ...]:
@@ -257,7 +241,7 @@ def chosen_input(
             expected = f"an input out of the channels of {log.name}"
             known = [*log.channels, *(family.name for family in families if log.family(family.name))]
             remedy = f"Name one that eivor inspect lists, or a family such as {families[0].name}."
-            raise UsageError(expected, f"'{wanted}'", did_you_mean(name, known, remedy))
+            raise errors.UsageError(expected, f"'{wanted}'", errors.did_you_mean(name, known, remedy))
         stem, _, number = name.rpartition("_")
         called = {name, stem} if number.isdecimal() else {name}
         known_family = next((family for family in families if family.name in called), InputFamily(name))
@@ -271,7 +255,7 @@ def chosen_input(
     sources = sorted({source for family in families for source in log.looked_for.get(family.name, ())})
     looked = f" (looked for: {', '.join(sources)})" if sources else ""
     names = [f"{family.name}_1.." if family.numbered else family.name for family in families]
-    raise MissingChannelError(
+    raise errors.MissingChannelError(
         f"an input in {log.name}: {', or '.join([', '.join(names[:-1]), names[-1]] if names[1:] else names)}",
         f"a log without one{looked}",
         f"{remedy}, or name a channel with --input.",
@@ -446,7 +430,7 @@ class PreparedFlight:
         """Values for a picture: NaN where one of the channels that they are made of was not logged."""
         for name in names:
             if name in self.recording.channels:
-                values = np.where(unlogged(self.recording.channels[name], self.grid), np.nan, values)
+                values = np.where(grids.unlogged(self.recording.channels[name], self.grid), np.nan, values)
         return values
 
     def plot_data(self, label: str, *, of: str, reference: str = "", scale: float = 1.0) -> PlotData:

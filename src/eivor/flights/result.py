@@ -19,21 +19,12 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import by_name
 from eivor.estimation.pool import Pooled
 from eivor.estimation.profile_sets import ParameterSets, ProfileSets
+from eivor.flights import quantity
 from eivor.flights.lag_prior import LAG_SUMS, LagPrior
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
-from eivor.flights.quantity import (
-    NAN,
-    NO_INTERVAL,
-    Implications,
-    Implied,
-    KeyFigure,
-    Quantity,
-    SimpleModel,
-    Trace,
-    Words,
-)
+from eivor.flights.quantity import NAN, Quantity
 from eivor.flights.verdict import MotionChecks
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics import residuals
@@ -106,7 +97,7 @@ class FitDiagnostics:
     r_squared: float
 
 
-def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnostics:
+def fit_diagnostics(traces: tuple[quantity.Trace, ...], estimate: Estimate) -> FitDiagnostics:
     """Diagnostics of an estimate and of its residual in time, of several axes one after the other."""
     record = diagnose(estimate)
     measured = np.concatenate([trace.measured for trace in traces])
@@ -173,7 +164,7 @@ def fit_numbers(checks: FitDiagnostics, estimate: Estimate, headline: tuple[str,
     return numbers
 
 
-def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Swing, ...]:
+def left_over_swings(record: Diagnostics, traces: tuple[quantity.Trace, ...]) -> tuple[Swing, ...]:
     """Swings of the residual of each axis, before any whitening; none but of rows in frequency."""
     layout = record.estimate.rows.layout
     if not isinstance(layout, BinRows) or not record.in_one_flight:
@@ -202,7 +193,7 @@ def run_leverage(record: Diagnostics) -> residuals.SegmentLeverage | None:
     return residuals.segment_leverage(scores, slopes, record.subject.std_errors, ends)
 
 
-def flight_findings(prepared: tuple[PreparedFlight, ...], words: Words) -> Iterator[Finding]:
+def flight_findings(prepared: tuple[PreparedFlight, ...], words: quantity.Words) -> Iterator[Finding]:
     """Findings of every log and flight."""
     for flight in prepared:
         name = flight.recording.name
@@ -231,7 +222,7 @@ class FlightRow:
     reasons: tuple[str, ...]
 
 
-def pooled_traces(motion: Motion[Any], pool: Pooled) -> tuple[Trace, ...]:
+def pooled_traces(motion: Motion[Any], pool: Pooled) -> tuple[quantity.Trace, ...]:
     """Measured and predicted, each flight by its own parameters; one flight after the other."""
     made = [motion.traces(problem, pool.member(number)) for number, problem in enumerate(pool.problems)]
     return tuple(
@@ -263,7 +254,7 @@ class Fit:
     profiles: Mapping[str, ConfidenceSet] = field(default_factory=dict)
     motion_checks: MotionChecks = field(default_factory=MotionChecks)
 
-    def traces(self, motion: Motion[Any]) -> tuple[Trace, ...]:
+    def traces(self, motion: Motion[Any]) -> tuple[quantity.Trace, ...]:
         """Measured and predicted, each flight of a pool by its own parameters."""
         pool = self.pooled
         if pool is None:
@@ -328,27 +319,27 @@ class FlightEstimate:
         return None if self.fit is None else self.fit.estimate
 
     @cached_property
-    def implications(self) -> Implications:
+    def implications(self) -> quantity.Implications:
         """What follows from the estimate and from what was supplied; nothing from one that is refused."""
         if self.fit is None or self.verdict.status is Status.REFUSED:
-            return Implications()
+            return quantity.Implications()
         made = self.motion.abilities.implications(self.fit.estimate, self.quantities)
         return replace(made, numbers=tuple(map(self._judged, made.numbers)))
 
-    def _judged(self, number: Implied) -> Implied:
+    def _judged(self, number: quantity.Implied) -> quantity.Implied:
         """A number that follows, with a verdict no better than those of the quantities that it rests on."""
         behind = [self.quantities[name].verdict for name in number.needs if name in self.quantities]
         reasons = [Reason(item, "") for item in (number.verdict, *behind)]
         return replace(number, verdict=verdict(reasons).status)
 
     @cached_property
-    def figures(self) -> tuple[KeyFigure, ...]:
+    def figures(self) -> tuple[quantity.KeyFigure, ...]:
         """Key figures of the flights, as far as their channels are logged; they decide nothing."""
         flying, made = self._flying, self.motion.abilities.figures
         return tuple(made(flying, self.quantities, self.diagnostics)) if flying else ()
 
     @cached_property
-    def simple_models(self) -> Mapping[str, SimpleModel]:
+    def simple_models(self) -> Mapping[str, quantity.SimpleModel]:
         """Models of the same flights that the estimate is held against, by name; none without an estimate."""
         simple_models, fit = self.motion.abilities.prediction.simple_models, self.fit
         return {} if fit is None else simple_models(fit.problem, fit.estimate)
@@ -360,9 +351,9 @@ class FlightEstimate:
         if self.fit is None or multi_step is None:
             return None
         estimate = self.fit.estimate
-        fitted = SimpleModel("the fit", {**estimate.nuisances, **estimate.parameters})
+        fitted = quantity.SimpleModel("the fit", {**estimate.nuisances, **estimate.parameters})
         models = {FIT: fitted, **self.simple_models}
-        refused = (name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED)
+        refused = (name for name, item in self.quantities.items() if item.verdict is Status.REFUSED)
         return multi_step(self._flying, models, frozenset(refused))
 
     @property
@@ -382,7 +373,7 @@ class FlightEstimate:
     @property
     def parameters(self) -> dict[str, float]:
         """Value of every quantity."""
-        return {name: quantity.value for name, quantity in self.quantities.items()}
+        return {name: item.value for name, item in self.quantities.items()}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -418,20 +409,20 @@ class FlightEstimate:
         fit = self._fitted()
         checks.level(level)
         checks.index_of("a quantity", name, self.quantities)
-        quantity, spec = self.quantities[name], self.motion.quantities[name]
+        item, spec = self.quantities[name], self.motion.quantities[name]
         if name in fit.estimate.names or name in fit.by_sets:
             interval = fit.interval(name, level)
         elif level == 0.95:
-            return quantity.interval
+            return item.interval
         elif spec.reciprocal_of:
             low, high = self.interval(spec.reciprocal_of, level)
-            return (1.0 / high, 1.0 / low) if low > 0.0 or high < 0.0 else NO_INTERVAL
+            return (1.0 / high, 1.0 / low) if low > 0.0 or high < 0.0 else quantity.NO_INTERVAL
         else:
             derived = self.motion.derive(fit.problem, fit.estimate)[name]
             times = t_ratio(level, derived.half_width / derived.std_error if derived.std_error else NAN)
             low, high = (derived.value + times * (end - derived.value) for end in derived.interval)
             interval = low, high
-        return spec.possible(quantity.widened(interval))
+        return spec.possible(item.widened(interval))
 
     def summary(self) -> str:
         """Verdict, numbers and reasons as plain text."""
@@ -451,9 +442,9 @@ class FlightEstimate:
     @property
     def _table(self) -> tuple[str, list[tuple[str, ...]]]:
         rows: list[tuple[str, ...]] = []
-        for name, quantity in self.quantities.items():
-            bounds = "[{:.4g}, {:.4g}]".format(*quantity.interval)
-            rows.append((name, f"{quantity.value:.4g}", bounds, quantity.unit, quantity.verdict.value))
+        for name, item in self.quantities.items():
+            bounds = "[{:.4g}, {:.4g}]".format(*item.interval)
+            rows.append((name, f"{item.value:.4g}", bounds, item.unit, item.verdict.value))
         return f"{self.motion.words.title}, {self.method}: {self.verdict.status.value}", rows
 
     def to_frame(self) -> pl.DataFrame:
@@ -551,9 +542,9 @@ class LogEstimate:
     def deciding(self) -> dict[str, Quantity]:
         """Quantities of a need and of headlines, by name; by motion.name where several motions have it."""
         every = [
-            (model, name, quantity)
+            (model, name, item)
             for model, result in self.motions.items()
-            for name, quantity in result.quantities.items()
+            for name, item in result.quantities.items()
             if result.motion.quantities[name].need or result.motion.quantities[name].headline
         ]
         count = Counter(name for _, name, _ in every)
@@ -582,12 +573,12 @@ class LogEstimate:
         for model, result in self.motions.items():
             specs, known = result.motion.quantities, result.quantities.items()
             of_need = [q for name, q in known if need in (name, f"{model}.{name}", specs[name].need)]
-            if of_need and all(quantity.verdict is Status.IDENTIFIED for quantity in of_need):
+            if of_need and all(item.verdict is Status.IDENTIFIED for item in of_need):
                 return True
         return False
 
     def _of(self, *statuses: Status) -> tuple[str, ...]:
-        return tuple(name for name, quantity in self.deciding.items() if quantity.verdict in statuses)
+        return tuple(name for name, item in self.deciding.items() if item.verdict in statuses)
 
     def summary(self) -> str:
         """Summaries of the motions, one below the other, and why others are left out."""

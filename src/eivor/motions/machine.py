@@ -14,24 +14,13 @@ from eivor import checks
 from eivor.errors import InputError, UsageError
 from eivor.estimation.estimate import Estimate, derived_from
 from eivor.estimation.weighting import residual_spectrum
-from eivor.flights import verdict
+from eivor.flights import quantity, verdict
 from eivor.flights.grid import Active, Grid, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES, LEVEL, ratio_quantity
 from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction, VehicleSupport
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, deviations
-from eivor.flights.quantity import (
-    NAN,
-    NO_INTERVAL,
-    CardSection,
-    Kind,
-    Quantity,
-    QuantityEstimate,
-    QuantitySpec,
-    QuantityTable,
-    TrackedParameter,
-    Words,
-)
+from eivor.flights.quantity import NAN, CardSection, Kind, Quantity, QuantityEstimate
 from eivor.flights.references import ReferenceSource, white_noise_std
 from eivor.flights.result import FlightEstimate
 from eivor.inference.covariance import JointEstimate
@@ -40,16 +29,8 @@ from eivor.inference.verdict import Cause, Status
 from eivor.logs.channel_map import Expression, InTime
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import InstrumentRule, LaggedReferences, Prior
-from eivor.motions.equation import (
-    AxisEquation,
-    DeclaredMotion,
-    Term,
-    answers_of,
-    equation_prediction,
-    parsed,
-    response_predictions,
-    simple_models,
-)
+from eivor.motions import equation
+from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, parsed
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
@@ -126,7 +107,7 @@ class Derived:
 
         made = derived_from(of_vector, JointEstimate(estimate.values, estimate.joint_covariance), LEVEL)
         if not np.isfinite((made.value, made.std_error, *made.interval)).all():
-            return QuantityEstimate(NAN, self.unit, NAN, NO_INTERVAL)
+            return QuantityEstimate(NAN, self.unit, NAN, quantity.NO_INTERVAL)
         return QuantityEstimate(made.value, self.unit, made.std_error, made.interval)
 
 
@@ -267,11 +248,11 @@ class Machine(DeclaredMotion):
         return tuple(term for axis in self.axes for term in axis.terms)
 
     @cached_property
-    def quantities(self) -> QuantityTable:  # type: ignore[override]
+    def quantities(self) -> quantity.QuantityTable:  # type: ignore[override]
         parameters = {term.name for term in self.terms if not term.is_intercept}
         listed: list[Term | Derived] = [*self.terms, *self.derived]
         specs = {
-            item.name: QuantitySpec(
+            item.name: quantity.QuantitySpec(
                 item.name if item.name.find("_") == 1 else item.name.replace("_", " "),
                 item.symbol,
                 item.unit,
@@ -287,12 +268,12 @@ class Machine(DeclaredMotion):
             specs |= {**LAG_QUANTITIES, EFFECTIVE_LAG: replace(lag, in_rows=True)}
         elif any(axis.averaged for axis in self.axes):  # of inputs whose stamps do not date them
             specs |= {DELAY.name: LAG_QUANTITIES[DELAY.name]}
-        return QuantityTable(specs)
+        return quantity.QuantityTable(specs)
 
     @property
-    def words(self) -> Words:  # type: ignore[override]
+    def words(self) -> quantity.Words:  # type: ignore[override]
         has_rule = bool(self.activity.when or self.activity.moving)
-        return Words(
+        return quantity.Words(
             title=self.title,
             model=self.name,
             fly=self.move,
@@ -320,14 +301,16 @@ class Machine(DeclaredMotion):
     @property
     def abilities(self) -> Abilities:  # type: ignore[override]
         states = any(axis.state for axis in self.axes)
-        ahead = partial(equation_prediction, self.axes) if states else None
+        ahead = partial(equation.equation_prediction, self.axes) if states else None
         return Abilities(
             vehicle=VehicleSupport(None, {"machine": dict(self.record)}, lambda _: self),
-            prediction=Prediction(simple_models, partial(response_predictions, self.axes), ahead),
+            prediction=Prediction(
+                equation.simple_models, partial(equation.response_predictions, self.axes), ahead
+            ),
             excitation=self._excitation,
             findings=self._findings,
             tracking=self._tracked,
-            closed_loop_record=partial(answers_of, self.axes, self.activity.counted, self.delays_s),
+            closed_loop_record=partial(equation.answers_of, self.axes, self.activity.counted, self.delays_s),
             profiled=True,
         )
 
@@ -337,7 +320,7 @@ class Machine(DeclaredMotion):
 
     def _tracked(
         self, problem: LaggedRuns, quantities: Mapping[str, Quantity], _options: FlightOptions, name: str
-    ) -> TrackedParameter:
+    ) -> quantity.TrackedParameter:
         """Rows of a parameter, or of the first headline that is driven; the others as the record has them."""
         order = sorted(self.terms, key=lambda term: (term.name not in self.headline, not term.behind))
         names = tuple(term.name for term in order if not term.is_intercept)
@@ -364,7 +347,7 @@ class Machine(DeclaredMotion):
         kept += [item for item in problem.parameters[still:] if item in parameters]
         columns = replace(columns, fixed=columns.fixed[:, fixed], moved=None)
         runs = replace(problem, columns=(columns,), parameters=tuple(kept))
-        return TrackedParameter(name, runs, known, level, tuple(sentences))
+        return quantity.TrackedParameter(name, runs, known, level, tuple(sentences))
 
     def solved(self, values: Mapping[str, float]) -> list[SolvedEquation]:
         """Equations with numbers, each for the highest derivative of its state, one after another."""

@@ -22,28 +22,10 @@ from eivor.inference.verdict import Status
 from eivor.motions.equation import SLOW, Answers, faster
 from eivor.motions.identify import identify_flight
 from eivor.motions.machine import Machine
-from eivor.planning.vehicle import (
-    KINDS,
-    STEP_S,
-    TARGETS,
-    USUAL,
-    FlightLimits,
-    Shape,
-    VehicleGuess,
-    candidates,
-)
+from eivor.planning.vehicle import KINDS, STEP_S, TARGETS, FlightLimits, Shape, VehicleGuess, candidates
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
-from eivor.simulation.vertical import (
-    TILT_CORRELATION_S,
-    TILT_SMOOTHING_S,
-    AltitudeController,
-    VerticalEnvironment,
-    VerticalVehicles,
-    simulate_vertical,
-    together,
-    vertical_recording,
-)
+from eivor.simulation import vertical
 from eivor.tools import Float
 
 #: Error of a logged height [m].
@@ -71,21 +53,22 @@ def fly(
     """Fly each shape by its vehicle with its seed, all side by side."""
     drawn = [_surroundings(*item) for item in zip(shapes, vehicles, seeds, strict=True)]
     velocities, accelerations = zip(*(shape.derivatives for shape in shapes), strict=True)
-    environment = VerticalEnvironment(
+    environment = vertical.VerticalEnvironment(
         reference_position=np.stack([shape.offset for shape in shapes], axis=1),
         reference_velocity=np.stack(velocities, axis=1),
         reference_acceleration=np.stack(accelerations, axis=1),
         **{name: np.stack([item[name] for item in drawn], axis=1) for name in drawn[0]},
     )
     numbers = [(_regular_friction(item), item.input_gain, item.lag_s, 0.0) for item in vehicles]
-    motion = simulate_vertical(
-        VerticalVehicles(*np.array(numbers).T),
+    motion = vertical.simulate_vertical(
+        vertical.VerticalVehicles(*np.array(numbers).T),
         environment,
         step_s=STEP_S,
-        controller=together(AltitudeController, [item.follows for item in vehicles]),
+        controller=vertical.together(vertical.AltitudeController, [item.follows for item in vehicles]),
     )
     logs = (
-        vertical_recording(f"planned {x.kind}", "plan", environment, motion, n) for n, x in enumerate(shapes)
+        vertical.vertical_recording(f"planned {x.kind}", "plan", environment, motion, n)
+        for n, x in enumerate(shapes)
     )
     # the log of an autopilot mostly does not say when its commands were issued
     logged = [
@@ -123,8 +106,8 @@ def _surroundings(shape: Shape, vehicle: VehicleGuess, seed: int) -> dict[str, F
 def _tilt_density(frequency_hz: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
     """Density of an angle of standard deviation 1 with that correlation time, smoothed."""
     pulsation = 2.0 * np.pi * frequency_hz
-    wandering = 4.0 * TILT_CORRELATION_S / (1.0 + (pulsation * TILT_CORRELATION_S) ** 2)
-    return np.asarray(wandering / (1.0 + (pulsation * TILT_SMOOTHING_S) ** 2))
+    wandering = 4.0 * vertical.TILT_CORRELATION_S / (1.0 + (pulsation * vertical.TILT_CORRELATION_S) ** 2)
+    return np.asarray(wandering / (1.0 + (pulsation * vertical.TILT_SMOOTHING_S) ** 2))
 
 
 def _with_density(
@@ -250,8 +233,8 @@ class FlightPlan:
     def taken(self, word: str) -> str:
         """Value of a target in the simulated flights, in its unit; nothing of one that is relative."""
         target = TARGETS[word]
-        if target.number in self.vehicle.unknown:
-            return "{:.3g} to {:.3g}".format(*(target.scale * end for end in USUAL[target.number]))
+        if usual := self.vehicle.unknown.get(target.number):
+            return "{:.3g} to {:.3g}".format(*(target.scale * end for end in usual))
         return "" if target.relative else f"{self.predicted[word].value:.3g}"
 
     def summary(self) -> str:

@@ -245,15 +245,14 @@ class VehicleGuess:
         checks.text("requested", self.requested)
 
     @property
-    def unknown(self) -> tuple[str, ...]:
-        """Numbers of `USUAL` that nobody gave."""
-        return tuple(name for name in USUAL if isinstance(getattr(self, name), UsualNumber))
+    def unknown(self) -> dict[str, tuple[float, float]]:
+        """Where numbers lie that nobody gave."""
+        return {name: ends for name, ends in USUAL.items() if isinstance(getattr(self, name), UsualNumber)}
 
     def drawn(self, number: int) -> VehicleGuess:
         """The vehicle with other usual numbers in place of those that nobody gave."""
         values: dict[str, Any] = {}
-        for name in self.unknown:
-            low, high = USUAL[name]
+        for name, (low, high) in self.unknown.items():
             share = (0.5 + number * STRIDES[name]) % 1.0
             values[name] = low * (high / low) ** share if low > 0.0 else share * high
         return replace(self, **values)

@@ -14,48 +14,15 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import ParameterError
-from eivor.motions.rigid_body.dynamics import (
-    ZERO,
-    Body,
-    Coefficients,
-    Components,
-    EffectiveParameters,
-    Triple,
-    Value,
-    body_derivative,
-    coefficients_of,
-    effective_parameters,
-    into_body,
-    rotation,
-    side_by_side,
-    specific_force,
-    speed_derivative,
-    stacked,
-    turned,
-)
+from eivor.motions.rigid_body import dynamics
+from eivor.motions.rigid_body.dynamics import Body, Triple, Value, specific_force
 from eivor.motions.rigid_body.vehicle import Rotors, Vehicle
 from eivor.signals.channels import held_by_default, roll_pitch_yaw, unit_of
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
-from eivor.simulation.controller import (
-    Cascade,
-    DelayLine,
-    FlightController,
-    LiveFilter,
-    Readings,
-    Sensor,
-    control_effectiveness,
-    gains_of,
-    low_pass,
-    mixer_of,
-    mixers_side_by_side,
-)
-from eivor.simulation.environment import (
-    KnownLog,
-    SimulatedFlight,
-    TrajectoryKind,
-    altitude_reference,
-)
+from eivor.simulation import controller, environment
+from eivor.simulation.controller import FlightController, LiveFilter, Sensor, control_effectiveness
+from eivor.simulation.environment import KnownLog
 from eivor.simulation.excitation import Disturbance, Excitation
 from eivor.strict_toml import package_tables
 from eivor.tools import Float, Int
@@ -70,23 +37,23 @@ Stepper: TypeAlias = Callable[[Body, Sequence[Value], Sequence[Value], Triple, T
 STILL: Triple = (0.0, 0.0, 0.0)
 
 
-def runge_kutta(coefficients: Coefficients, step_s: float) -> Stepper:
+def runge_kutta(coefficients: dynamics.Coefficients, step_s: float) -> Stepper:
     """Return steps of this length [s] by the classical method of the fourth order."""
     c, h = coefficients, step_s
     half = rotor_course(c, h / 2.0)
 
     def spin_up(speeds: Sequence[Value], command: Sequence[Value]) -> Sequence[Value]:
-        return speed_derivative(c, speeds, command) if c.gyroscopic else ()
+        return dynamics.speed_derivative(c, speeds, command) if c.gyroscopic else ()
 
     def step(
         body: Body, speeds: Sequence[Value], command: Sequence[Value], wind: Triple, disturbance: Triple
     ) -> Moved:
         middle = half(speeds, command)
         end, change = half(middle, command), spin_up(middle, command)
-        k1 = body_derivative(c, body, speeds, spin_up(speeds, command), wind, disturbance)
-        k2 = body_derivative(c, _stepped(body, k1, h / 2.0), middle, change, wind, disturbance)
-        k3 = body_derivative(c, _stepped(body, k2, h / 2.0), middle, change, wind, disturbance)
-        k4 = body_derivative(c, _stepped(body, k3, h), end, spin_up(end, command), wind, disturbance)
+        k1 = dynamics.body_derivative(c, body, speeds, spin_up(speeds, command), wind, disturbance)
+        k2 = dynamics.body_derivative(c, _stepped(body, k1, h / 2.0), middle, change, wind, disturbance)
+        k3 = dynamics.body_derivative(c, _stepped(body, k2, h / 2.0), middle, change, wind, disturbance)
+        k4 = dynamics.body_derivative(c, _stepped(body, k3, h), end, spin_up(end, command), wind, disturbance)
         # Six times the mean slope.
         slope = [p + 2.0 * (q + r) + s for p, q, r, s in zip(k1, k2, k3, k4, strict=True)]
         return _unit_attitude(_stepped(body, slope, h / 6.0)), end
@@ -95,7 +62,7 @@ def runge_kutta(coefficients: Coefficients, step_s: float) -> Stepper:
 
 
 def rotor_course(
-    coefficients: Coefficients, time_s: float
+    coefficients: dynamics.Coefficients, time_s: float
 ) -> Callable[[Sequence[Value], Sequence[Value]], list[Value]]:
     """Speeds of rotors that much later, by speeds and a held command: the closed form."""
     down = _decay(time_s * coefficients.rate_down)
@@ -211,7 +178,7 @@ class RigidBodyFlightSpec:
     # Steps of the simulation per second [Hz], over which commands, wind and torques from outside are held
     rate_hz: Annotated[float, (20.0, 1e4)] = 500.0
     duration: Annotated[float, (0.1, 3600.0)] = 30.0  # Of the flight [s]
-    trajectory: TrajectoryKind = TrajectoryKind.MULTISINE  # The height reference
+    trajectory: environment.TrajectoryKind = environment.TrajectoryKind.MULTISINE  # The height reference
     # Share of the speed and acceleration that an excitation of the height may reach
     vigour: Annotated[float, (0.01, 2.0)] = 1.0
     # Roll, pitch and yaw that are requested [rad], yaw first
@@ -275,7 +242,7 @@ def surroundings_of(spec: RigidBodyFlightSpec) -> Surroundings:
     """Draw everything that a flight meets."""
     height, angles, injected, air, torque, *sensing = streams(spec.seed)
     count, step_s, sensors = spec.count, spec.step_s, spec.sensors
-    reference = altitude_reference(
+    reference = environment.altitude_reference(
         spec.trajectory, count=count, step_s=step_s, rng=height, vigour=spec.vigour
     )
     accelerations = _series(_about(spec.torque_disturbance), count, step_s, torque)
@@ -396,7 +363,7 @@ def shared_settings(spec: RigidBodyFlightSpec) -> tuple[object, ...]:
 CHUNK = 500
 
 #: Series that a loop reads, one entry for each step: components of one row.
-_Rows: TypeAlias = Sequence[Components] | Float[np.ndarray, "n _ flights"]
+_Rows: TypeAlias = Sequence[dynamics.Components] | Float[np.ndarray, "n _ flights"]
 #: Body, rotor speeds, commands, thrust, torques and wanted rates of a step.
 _Moment: TypeAlias = tuple[Body, list[Value], list[Value], Value, Triple, Triple]
 
@@ -411,21 +378,26 @@ def _moments(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) 
     """Fly to the end; some steps at a time, so that what is read and what happened takes little space."""
     first, vehicles, alone = specs[0], [spec.vehicle for spec in specs], len(specs) == 1
     step_s, control, late = first.step_s, first.controller, [spec.vehicle.rotors.delay for spec in specs]
-    gains = [gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s) for spec in specs]
-    cascade = Cascade(_together(gains), 1.0 / control.rate_hz, 1.0 / control.height_hz)
+    gains = [
+        controller.gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s)
+        for spec in specs
+    ]
+    cascade = controller.Cascade(_together(gains), 1.0 / control.rate_hz, 1.0 / control.height_hz)
     senses = [_filter_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES]
-    mixer = mixer_of(vehicles[0]) if alone else mixers_side_by_side(vehicles)
-    stepper = runge_kutta(coefficients_of(vehicles[0]) if alone else side_by_side(vehicles), step_s)
+    mixer = controller.mixer_of(vehicles[0]) if alone else controller.mixers_side_by_side(vehicles)
+    stepper = runge_kutta(
+        dynamics.coefficients_of(vehicles[0]) if alone else dynamics.side_by_side(vehicles), step_s
+    )
     body: Body = _start(met[0]).tolist() if alone else np.stack([_start(item) for item in met], axis=1)
     hover = np.tile([vehicle.hover_speed for vehicle in vehicles], (vehicles[0].rotors.count, 1))
     speeds: list[Value] = hover[:, 0].tolist() if alone else [hover]
-    line = DelayLine(_steps(late, step_s), speeds)
+    line = controller.DelayLine(_steps(late, step_s), speeds)
     every, attitude_every, height_every = (
         round(first.rate_hz / hz) for hz in (control.rate_hz, control.attitude_hz, control.height_hz)
     )
     holds = any(spec.controller.hold for spec in specs)
-    thrust = ZERO
-    rates = torque = (ZERO, ZERO, ZERO)
+    thrust = dynamics.ZERO
+    rates = torque = (dynamics.ZERO, dynamics.ZERO, dynamics.ZERO)
     command = speeds
     for k in range(first.count):
         now = k % CHUNK
@@ -433,7 +405,7 @@ def _moments(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) 
             read, moments = _read(met, k), list[_Moment]()
         seen = (
             _sum(body[10:13], read["rate_error"][now]),
-            turned(body[6:10], *read["attitude_error"][now]),
+            dynamics.turned(body[6:10], *read["attitude_error"][now]),
             _sum(body[3:6], read["velocity_error"][now]),
             _sum(body[0:3], read["position_error"][now]),
         )
@@ -469,7 +441,7 @@ def _read(met: Sequence[Surroundings], start: int) -> dict[str, _Rows]:
 
 def _together(each: Sequence[Any]) -> Any:
     """Floats of one flight as they are, those of several as arrays whose last axis is the flight."""
-    return each[0] if len(each) == 1 else stacked(each)
+    return each[0] if len(each) == 1 else dynamics.stacked(each)
 
 
 #: Sensors that the controller reads, as the loop reads them.
@@ -495,11 +467,11 @@ def _coefficients(sensor: Sensor, step_s: float) -> tuple[tuple[float, ...], tup
     """Numerator, and denominator after its 1; of a sensor without a filter what leaves all as it is."""
     if not sensor.cutoff_hz:
         return (1.0, 0.0, 0.0), (0.0, 0.0)
-    b, a = low_pass(sensor.cutoff_hz, step_s)
+    b, a = controller.low_pass(sensor.cutoff_hz, step_s)
     return tuple(b.tolist()), tuple(a[1:].tolist())
 
 
-def _sum(first: Components, second: Components) -> list[Value]:
+def _sum(first: dynamics.Components, second: dynamics.Components) -> list[Value]:
     return [a + b for a, b in zip(first, second, strict=True)]
 
 
@@ -537,8 +509,8 @@ def _measured(
     spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Vectors
 ) -> list[tuple[Sensor, dict[str, Series]]]:
     sensors, step_s, body = spec.sensors, spec.step_s, flight.body
-    attitude = np.column_stack(turned(list(body[:, 6:10].T), *met.attitude_error.T))
-    raw: list[tuple[Sensor | None, str, Readings, Iterable[object]]] = [
+    attitude = np.column_stack(dynamics.turned(list(body[:, 6:10].T), *met.attitude_error.T))
+    raw: list[tuple[Sensor | None, str, controller.Readings, Iterable[object]]] = [
         (sensors.angular_rate, "angular_rate", body[:, 10:13] + met.rate_error, "xyz"),
         (sensors.specific_force, "specific_force_body", force + met.force_error, "xyz"),
         (sensors.velocity, "velocity", body[:, 3:6] + met.velocity_error, "xyz"),
@@ -590,11 +562,11 @@ class RigidBodyTruth:
     record: ClosedLoopRecord
     specific_force: Vectors  # On the body's axes [m/s^2]
     air_velocity: Vectors  # Of the vehicle through the air, in the world [m/s]
-    parameters: EffectiveParameters  # Combinations of the vehicle's parameters that the flight shows
+    parameters: dynamics.EffectiveParameters  # Combinations of the vehicle's parameters that the flight shows
     control_effectiveness: tuple[float, float, float]  # [rad/s^2]
 
 
-RigidBodyFlight: TypeAlias = SimulatedFlight[RigidBodyTruth]
+RigidBodyFlight: TypeAlias = environment.SimulatedFlight[RigidBodyTruth]
 
 
 def simulate_rigid_body_flights(specs: Sequence[RigidBodyFlightSpec]) -> Iterator[RigidBodyFlight]:
@@ -612,7 +584,7 @@ def simulate_rigid_body_flights(specs: Sequence[RigidBodyFlightSpec]) -> Iterato
 def _flight(spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord) -> RigidBodyFlight:
     body = flight.body
     force = specific_force(
-        side_by_side([spec.vehicle]),
+        dynamics.side_by_side([spec.vehicle]),
         np.ascontiguousarray(body.T),
         [np.ascontiguousarray(flight.rotor_speed.T)],
         (met.wind[:, 0], met.wind[:, 1], met.wind[:, 2]),
@@ -621,13 +593,13 @@ def _flight(spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopReco
         record=flight,
         specific_force=np.column_stack(force),
         air_velocity=body[:, 3:6] - met.wind,
-        parameters=effective_parameters(spec.vehicle),
+        parameters=dynamics.effective_parameters(spec.vehicle),
         control_effectiveness=control_effectiveness(spec.vehicle),
     )
     cosine = 1.0 - 2.0 * (body[:, 7] ** 2 + body[:, 8] ** 2)
     away = np.abs(body[:, 2] - met.height[:, 0])
     flew = bool(away.max() < LOST_M and cosine.min() > LOST_COSINE)
-    return SimulatedFlight(recording_of(spec, met, flight, truth.specific_force), truth, flew)
+    return environment.SimulatedFlight(recording_of(spec, met, flight, truth.specific_force), truth, flew)
 
 
 def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
@@ -662,7 +634,7 @@ def viscous_friction(truth: RigidBodyTruth) -> float:
     parameters = truth.parameters
     w, x, y, z = truth.record.body[:, 6:10].T
     along_x, along_y, along_z = truth.air_velocity.T
-    _, _, climb = into_body(rotation(w, x, y, z), along_x, along_y, along_z)
+    _, _, climb = dynamics.into_body(dynamics.rotation(w, x, y, z), along_x, along_y, along_z)
     squared = np.asarray(climb) ** 2
     total = squared.sum()
     if not total > 0.0:

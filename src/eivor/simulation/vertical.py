@@ -13,16 +13,9 @@ from eivor.errors import ParameterError, UsageError
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Recording
+from eivor.simulation import environment as surroundings
 from eivor.simulation.controller import DelayLine
-from eivor.simulation.environment import (
-    KnownLog,
-    SensorNoise,
-    SimulatedFlight,
-    TrajectoryKind,
-    altitude_reference,
-    gusts,
-    simulated_recording,
-)
+from eivor.simulation.environment import KnownLog, SensorNoise, SimulatedFlight, TrajectoryKind, gusts
 from eivor.tools import Float
 
 Parts = TypeVar("Parts")
@@ -246,7 +239,9 @@ def _surroundings(spec: VerticalFlightSpec) -> tuple[VerticalEnvironment, Sample
         np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(spec.seed).spawn(4)
     )
     count = spec.count
-    reference = altitude_reference(spec.trajectory, count=count, step_s=STEP_S, rng=shape, vigour=spec.vigour)
+    reference = surroundings.altitude_reference(
+        spec.trajectory, count=count, step_s=STEP_S, rng=shape, vigour=spec.vigour
+    )
     wind, angles = (
         gusts(count=count, axes=axes, step_s=STEP_S, rms=rms, correlation_s=correlation_s, rng=rng)
         for axes, rms, correlation_s, rng in (
@@ -309,7 +304,7 @@ def vertical_recording(
         "specific_force_z": force + bias,
         "cos_tilt": environment.cos_tilt[:, number] if cos_tilt is None else cos_tilt,
     }
-    return simulated_recording(name, simulator, STEP_S * np.arange(force.size), series)
+    return surroundings.simulated_recording(name, simulator, STEP_S * np.arange(force.size), series)
 
 
 def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:

@@ -20,17 +20,9 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input, deviations
 from eivor.flights.references import HEADED, ReferenceSource, with_headed_references
 from eivor.inference.verdict import Cause, Status
+from eivor.models import lagged_runs
 from eivor.models.frequency_response import local_polynomials, spectra
-from eivor.models.lagged_runs import (
-    ACTUATOR_LAG,
-    DELAY,
-    SECOND_LAG,
-    SECOND_STAGE,
-    TOLERANCE_S,
-    AxisColumns,
-    LaggedRuns,
-    of_order,
-)
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_STAGE, LaggedRuns
 from eivor.models.separable import AT_END, InstrumentRule, LaggedReferences, WarmStart
 from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, equation_prediction, simple_models
 from eivor.signals.recording import HELICOPTER, Channel, Finding, Recording
@@ -171,7 +163,7 @@ def selected(log: Recording, options: FlightOptions, offered: tuple[Axis, ...]) 
 LOOKED_AT, CHANCE = 6, 0.01
 
 
-def _up_to_reach(columns: AxisColumns, flight: PreparedFlight) -> AxisColumns:
+def _up_to_reach(columns: lagged_runs.AxisColumns, flight: PreparedFlight) -> lagged_runs.AxisColumns:
     """Equation of an axis up to the frequency at which its references' coherence with the setpoint ends."""
     (low, high), axis = columns.band_hz, AXES[columns.axis]
     furthest = min(FURTHEST_HZ, BAND_SHARE * min(flight.rates_hz[name] for name in (axis.name, "command")))
@@ -231,7 +223,7 @@ class OrderChecks(verdict.MotionChecks):
 
 def _second_stage(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
     """What the order that is not chosen would take from a quantity and add to it."""
-    lag_s, second = inputs.quantities[ACTUATOR_LAG.name].value, inputs.quantities.get(SECOND_LAG)
+    lag_s, second = inputs.quantities[ACTUATOR_LAG.name].value, inputs.quantities.get(lagged_runs.SECOND_LAG)
     if inputs.order_given:
         return 0.0, 0.0
     change = inputs.checks.changes.get(name, 0.0)
@@ -280,13 +272,13 @@ def chosen_order(
 ) -> tuple[LaggedRuns, Estimate]:
     """The estimate, with a second stage of the actuators where the flights show one."""
     estimate = solve(problem)
-    staged = replace(problem, nuisances=of_order(problem.nuisances, 3))
+    staged = replace(problem, nuisances=lagged_runs.of_order(problem.nuisances, 3))
     if options.order is not None or len(staged.nuisances) == len(problem.nuisances):
         return problem, estimate
     lag_s = estimate.nuisances[ACTUATOR_LAG.name]
-    without_lag = lag_s <= LAGS_S[0] + AT_END * TOLERANCE_S
+    without_lag = lag_s <= LAGS_S[0] + AT_END * lagged_runs.TOLERANCE_S
     if without_lag:
-        candidate = replace(problem, nuisances=of_order(problem.nuisances, 1))
+        candidate = replace(problem, nuisances=lagged_runs.of_order(problem.nuisances, 1))
     elif DELAY.name not in estimate.names or estimate.std_error(DELAY.name) > _imitated_s(lag_s):
         return problem, estimate  # nothing to gain: a second stage changes the delay by less than is known
     else:

@@ -25,32 +25,13 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, AxisC
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
 from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, excitation, rate_panel, refuse_degrees
-from eivor.motions.rigid_body import verdict
+from eivor.motions.rigid_body import regression, verdict
 from eivor.motions.rigid_body.compatibility import comparisons, in_still_air, with_one_clock
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import NOT_NEGATIVE, refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.predict import rigid_body_prediction
-from eivor.motions.rigid_body.regression import (
-    ALONG,
-    AT_HOVER,
-    BAND_SHARE,
-    DRAG,
-    DRIVING,
-    FORCE_X_EQUATION,
-    FORCE_Z_EQUATION,
-    FRICTION,
-    PRODUCT,
-    QUADRATIC_DRAG,
-    QUANTITIES,
-    TABLES,
-    TURNING,
-    RotorColumns,
-    noises_known,
-    noisier,
-    rigid_body_problem,
-)
-from eivor.motions.rigid_body.regression import NEEDED as FOR_BODY_VELOCITY
+from eivor.motions.rigid_body.regression import FORCE_X_EQUATION, QUANTITIES, TABLES, noisier
 from eivor.motions.rigid_body.vehicle import KnownVehicle, load_vehicle, shipped_vehicles, vehicle_from_record
 from eivor.motions.vertical.select import TABLES as HEIGHT
 from eivor.signals.recording import Channel, Finding, Recording
@@ -159,8 +140,8 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
         refuse_degrees(rate, log)
     _refuse_no_quaternion(log)
     forces = {f"force_{axis}": log.channels.get(f"specific_force_body_{axis}") for axis in "xyz"}
-    moving, tilted = ({*names} <= {*log.channels} for names in (FOR_BODY_VELOCITY, ATTITUDE))
-    known = FOR_BODY_VELOCITY if moving else ATTITUDE if tilted else ()
+    moving, tilted = ({*names} <= {*log.channels} for names in (regression.NEEDED, ATTITUDE))
+    known = regression.NEEDED if moving else ATTITUDE if tilted else ()
     conditions = _without_flips(tuple(log.channel(name) for name in known))
     if tilted:
         refuse_other_turns([on_own_clock.channel(name) for name in ATTITUDE], tuple(rates.values()), log.name)
@@ -239,12 +220,12 @@ def _findings(forces: dict[str, Channel | None], moving: bool) -> Iterator[Findi
 
 def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, QuantityEstimate]:
     """Friction along z at the speeds of the flights: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2."""
-    linear, quadratic = DRAG[2].name, QUADRATIC_DRAG[2].name
+    linear, quadratic = regression.DRAG[2].name, regression.QUADRATIC_DRAG[2].name
     if not {linear, quadratic} <= set(estimate.parameters):
         return {}
     parts = [np.zeros((3, 0))]
     for column in problem.columns:
-        if column.axis == FORCE_Z_EQUATION and isinstance(column.moving, RotorColumns):
+        if column.axis == regression.FORCE_Z_EQUATION and isinstance(column.moving, regression.RotorColumns):
             for run in column.runs:
                 inside, of_run = column.counted(run), column.moving.states.velocity[:, run]
                 parts.append(of_run if inside is None else of_run[:, inside])
@@ -258,7 +239,7 @@ def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Quant
     index = [estimate.names.index(name) for name in (linear, quadratic)]
     of_rotors, of_body = estimate.values[index].tolist()
     value = ratio * of_rotors + share * of_body
-    return {FRICTION.name: linear_quantity(estimate, FRICTION.unit, value, gradient)}
+    return {regression.FRICTION.name: linear_quantity(estimate, regression.FRICTION.unit, value, gradient)}
 
 
 #: Its upper end [Hz]: further up is next to nothing but vibration.
@@ -303,7 +284,7 @@ def refined_structure(
     if set(estimate.nuisances) == {*LAG_SUMS[EFFECTIVE_LAG]} and ACTUATOR_LAG.name in estimate.names:
         nuisances = (*nuisances, Nuisance(ASYMMETRY, ASYMMETRIES, tolerance=1e-4))
     try:
-        wider = verdict.with_products(problem, estimate.parameters, PRODUCT, nuisances=nuisances)
+        wider = verdict.with_products(problem, estimate.parameters, regression.PRODUCT, nuisances=nuisances)
         steps = first_steps(method, estimate, wider)
     except (DataError, EstimationError, np.linalg.LinAlgError):  # these terms are collinear in the flights
         return problem, estimate, {}
@@ -312,7 +293,7 @@ def refined_structure(
     if not kept:
         return problem, estimate, left_out
     values = {**estimate.parameters, **estimate.nuisances, **kept}
-    chosen = [item for item in PRODUCT if item.name in kept]
+    chosen = [item for item in regression.PRODUCT if item.name in kept]
     if ASYMMETRY.name in kept:
         values[ASYMMETRY.name] = float(np.clip(kept[ASYMMETRY.name], *ASYMMETRIES))
         # a search is nearly at its end: between its ends one value is enough
@@ -342,10 +323,12 @@ def in_full_band(problem: LaggedRuns) -> LaggedRuns:
 
 
 def _whole(axis_columns: AxisColumns) -> AxisColumns:
-    if axis_columns.axis >= FORCE_X_EQUATION or not isinstance(axis_columns.moving, RotorColumns):
+    if axis_columns.axis >= FORCE_X_EQUATION or not isinstance(axis_columns.moving, regression.RotorColumns):
         return axis_columns
     flight, (low, high) = axis_columns.moving.states.flight, axis_columns.band_hz
-    reaches = BAND_SHARE * min(flight.rates_hz[name] for name in (AXES[axis_columns.axis].name, "command"))
+    reaches = regression.BAND_SHARE * min(
+        flight.rates_hz[name] for name in (AXES[axis_columns.axis].name, "command")
+    )
     return replace(axis_columns, band_hz=(low, max(high, min(FULL_BAND_HZ, reaches))))
 
 
@@ -430,15 +413,17 @@ class RigidBody(motion.Motion[LaggedRuns]):
         return selected(log, options, self.known_vehicle)
 
     def problem(self, flights: motion.Flights, rule: InstrumentRule) -> LaggedRuns:
-        problem = rigid_body_problem(flights, self.known_vehicle, rule)
-        if not all(map(noises_known, flights)):
+        problem = regression.rigid_body_problem(flights, self.known_vehicle, rule)
+        if not all(map(regression.noises_known, flights)):
             return problem
         surrogates = tuple(map(noisier, flights))
-        return replace(problem, noisier=rigid_body_problem(surrogates, self.known_vehicle, NoInstruments()))
+        return replace(
+            problem, noisier=regression.rigid_body_problem(surrogates, self.known_vehicle, NoInstruments())
+        )
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         joint = joint_quantities(estimate)
-        ratio, names = verdict.hover_over_usual(problem, joint), {item.name for item in AT_HOVER}
+        ratio, names = verdict.hover_over_usual(problem, joint), {item.name for item in regression.AT_HOVER}
         results = {
             **{name: item.times(ratio) if name in names else item for name, item in joint.items()},
             **verdict.gyroscopic_moments(problem, joint),
@@ -474,13 +459,15 @@ class RigidBody(motion.Motion[LaggedRuns]):
         return verdict.RigidBodyChecks(None, wind, lags, early_s, by_wind, shifts)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
-        driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]
+        driving = [
+            number for number, parameter in enumerate(problem.parameters) if parameter in regression.DRIVING
+        ]
         results = []
         for axis in problem.axes:
             series = problem.series_in_band(estimate.nuisances, axis, estimate.theta, driving)
-            words, unit = f"{(*TURNING, '', '', '')[axis]} acceleration", "rad/s²"
+            words, unit = f"{(*regression.TURNING, '', '', '')[axis]} acceleration", "rad/s²"
             if axis >= FORCE_X_EQUATION:
-                words, unit = f"specific force along {ALONG[axis - FORCE_X_EQUATION]}", "m/s²"
+                words, unit = f"specific force along {regression.ALONG[axis - FORCE_X_EQUATION]}", "m/s²"
             measured, predicted, driven = series.T
             band_hz = problem.band_hz(axis)
             results.append(Trace(words, unit, "model", "rotors", measured, predicted, driven, band_hz))

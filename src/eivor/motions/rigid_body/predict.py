@@ -17,32 +17,8 @@ from eivor.models.lagged_runs import actuators
 from eivor.models.separable import Values
 from eivor.motions.equation import STAYS
 from eivor.motions.rates.motion import AXES
-from eivor.motions.rigid_body.dynamics import (
-    ATTITUDE,
-    BODY,
-    POSITION,
-    VELOCITY,
-    Triple,
-    felt,
-    into_body,
-    rotation,
-)
-from eivor.motions.rigid_body.regression import (
-    DRAG,
-    GAIN,
-    PAIRS,
-    PRODUCT,
-    QUADRATIC_DRAG,
-    REACTION,
-    TERMS,
-    THRUST,
-    TURNING,
-    BodyMotion,
-    RigidTerm,
-    RotorStates,
-    hover_state,
-    usual_state,
-)
+from eivor.motions.rigid_body import dynamics, regression
+from eivor.motions.rigid_body.regression import GAIN, PAIRS, TERMS, THRUST, BodyMotion, RigidTerm
 from eivor.motions.rigid_body.vehicle import KnownVehicle, inertia_shares
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.motions.vertical.model import GRAVITY
@@ -59,29 +35,29 @@ class LoggedState:
     @cached_property
     def turns(self) -> bool:
         """Whether the attitude is logged."""
-        return self._has(ATTITUDE)
+        return self._has(dynamics.ATTITUDE)
 
     @cached_property
     def moves(self) -> bool:
         """Whether velocity and attitude are."""
-        return self.turns and self._has(VELOCITY)
+        return self.turns and self._has(dynamics.VELOCITY)
 
     @property
     def placed(self) -> tuple[int, ...]:
         """Axes along which the position is logged, from 0."""
-        return tuple(axis for axis, name in enumerate(POSITION) if self._has((name,)))
+        return tuple(axis for axis, name in enumerate(dynamics.POSITION) if self._has((name,)))
 
     @cached_property
     def body(self) -> Float[np.ndarray, "13 n"]:
         """The state at every sample."""
-        body = np.zeros((BODY, self.flight.signals.sample_count))
+        body = np.zeros((dynamics.BODY, self.flight.signals.sample_count))
         body[6] = 1.0
         for axis in self.placed:
-            body[axis] = self._channel(POSITION[axis])
+            body[axis] = self._channel(dynamics.POSITION[axis])
         if self.moves:
-            body[3:6] = [self._channel(name) for name in VELOCITY]
+            body[3:6] = [self._channel(name) for name in dynamics.VELOCITY]
         if self.turns:
-            body[6:10] = [self._channel(name) for name in ATTITUDE]
+            body[6:10] = [self._channel(name) for name in dynamics.ATTITUDE]
             length = np.sqrt((body[6:10] ** 2).sum(axis=0))
             body[6:10] /= np.where(length > 0.0, length, 1.0)
         body[10:13] = [self.flight.signals.channel(axis.rate) for axis in AXES]
@@ -106,7 +82,7 @@ def kinematics(
     rates: Float[np.ndarray, "3 starts"],
 ) -> Float[np.ndarray, "13 starts"]:
     """Rate of change of states whose velocity and rates change so."""
-    w, x, y, z, p, q, r = body[6:BODY]
+    w, x, y, z, p, q, r = body[6 : dynamics.BODY]
     attitude = (-(x * p + y * q + z * r), w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p)
     return np.concatenate([body[3:6], velocity, 0.5 * np.stack(attitude), rates])
 
@@ -126,7 +102,7 @@ class StatePropagator:
         self, body: Float[np.ndarray, "13 states"], now: Int[np.ndarray, " starts"]
     ) -> Float[np.ndarray, "13 states"]:
         """Rate of change of the states of each model at samples, driven by what the rotors do there."""
-        rows = rotation(*body[6:10])
+        rows = dynamics.rotation(*body[6:10])
         states = self._states[:, self._timing[:, None], now].reshape(7, -1)
         force = self._forces[:, :, now].reshape(6, -1)
         rotors = states, states, states[6]  # of what answers neither thrust nor spin-up counts
@@ -146,19 +122,21 @@ class StatePropagator:
         self, body: Float[np.ndarray, "13 #models starts"]
     ) -> Float[np.ndarray, "models horizons 13 starts"]:
         """States of each model at the horizons, from its own or common states at the starts."""
-        initial_states = np.broadcast_to(body, (BODY, len(self.models), body.shape[2]))
-        states = self.starts.propagate(initial_states.reshape(BODY, -1), self)
+        initial_states = np.broadcast_to(body, (dynamics.BODY, len(self.models), body.shape[2]))
+        states = self.starts.propagate(initial_states.reshape(dynamics.BODY, -1), self)
         return states.reshape(*states.shape[:2], len(self.models), -1).transpose(2, 0, 1, 3)
 
     def _velocity(
-        self, body: Float[np.ndarray, "13 n"], rows: tuple[Triple, Triple, Triple]
+        self, body: Float[np.ndarray, "13 n"], rows: tuple[dynamics.Triple, dynamics.Triple, dynamics.Triple]
     ) -> Float[np.ndarray, "3 n"]:
-        return np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
+        return (
+            np.stack(dynamics.into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
+        )
 
     @cached_property
     def _usual(self) -> float:
         flight, thrust = self.logged.flight, self.models[0].get(THRUST.name, 0.0)
-        return hover_state(flight, self.vehicle, thrust) or usual_state((flight,))
+        return regression.hover_state(flight, self.vehicle, thrust) or regression.usual_state((flight,))
 
     @cached_property
     def _terms(self) -> list[tuple[RigidTerm, Float[np.ndarray, " models"]]]:
@@ -175,7 +153,9 @@ class StatePropagator:
     @cached_property
     def _coupled(self) -> Callable[[BodyMotion, np.ndarray], np.ndarray] | None:
         """What turning is where axes are coupled by products of inertia; None of models without."""
-        products = np.array([[item.get(entry.name, 0.0) for item in self.models] for entry in PRODUCT])
+        products = np.array(
+            [[item.get(entry.name, 0.0) for item in self.models] for entry in regression.PRODUCT]
+        )
         if not products.any():
             return None
         shares = np.array([inertia_shares(item) for item in self.models])
@@ -205,7 +185,7 @@ class StatePropagator:
     @cached_property
     def _rotors(self) -> list[tuple[BodyMotion, BodyMotion]]:
         """At samples, and with means over steps of what drives."""
-        states = RotorStates(self.logged.flight, self.vehicle, self._usual)
+        states = regression.RotorStates(self.logged.flight, self.vehicle, self._usual)
         return [states.at(*path) for path in self._nodes]
 
     @cached_property
@@ -216,10 +196,10 @@ class StatePropagator:
     def _forces(self) -> Float[np.ndarray, "6 models n"]:
         """What the rotors do to each axis over each step, with the trims of the runs."""
         flight, body = self.logged.flight, self.logged.body
-        rows, step_s = rotation(*body[6:10]), flight.signals.step_s
+        rows, step_s = dynamics.rotation(*body[6:10]), flight.signals.step_s
         change = [time_derivative(entry, step_s) for entry in body[10:13]]
         if self.logged.moves:
-            change.extend(felt(rows, body[3:6], step_s))
+            change.extend(dynamics.felt(rows, body[3:6], step_s))
         trims = [motion.trim(flight, axis) for axis in change]
         results = np.zeros((6, len(self.models), body.shape[1]))
         results[: len(trims)] = np.array(trims)[:, None]
@@ -237,11 +217,13 @@ class StatePropagator:
 
 
 #: Terms without which a prediction is a little worse; one that the fit refuses counts as zero.
-SMALL = tuple(term.parameter for term in TERMS if term.parameter not in (*GAIN, REACTION, THRUST))
+SMALL = tuple(term.parameter for term in TERMS if term.parameter not in (*GAIN, regression.REACTION, THRUST))
 #: Drag by whose verdict the quadratic one of its axis goes: the two are identified well together, or neither.
-WITH_DRAG = {item.name: drag.name for item, drag in zip(QUADRATIC_DRAG, DRAG, strict=True)}
+WITH_DRAG = {
+    item.name: drag.name for item, drag in zip(regression.QUADRATIC_DRAG, regression.DRAG, strict=True)
+}
 #: What is predicted: its parts of the state, and its unit.
-RATES = {f"{axis} rate": ([10 + number], "rad/s") for number, axis in enumerate(TURNING)}
+RATES = {f"{axis} rate": ([10 + number], "rad/s") for number, axis in enumerate(regression.TURNING)}
 BEYOND = {"attitude": ([6, 7, 8, 9], "rad"), "velocity": ([3, 4, 5], "m/s"), "position": ([0, 1, 2], "m")}
 PREDICTED = RATES | BEYOND
 
@@ -250,7 +232,7 @@ def why_omitted(identified: Set[str], logged: Sequence[LoggedState], placed: lis
     """Why each quantity that cannot be predicted is left out."""
     if EFFECTIVE_LAG not in identified:
         return dict.fromkeys(PREDICTED, "the fit does not identify the lag")
-    gains = zip(RATES, TURNING, GAIN, strict=True)
+    gains = zip(RATES, regression.TURNING, GAIN, strict=True)
     results = {
         rate: f"the fit does not identify the {axis} gain"
         for rate, axis, gain in gains

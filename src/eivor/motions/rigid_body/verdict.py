@@ -24,55 +24,18 @@ from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.random_effects import homogeneity_p_value
 from eivor.inference.verdict import Cause, Status
 from eivor.logs.common import low_pass_delay_s
-from eivor.models.lagged_runs import (
-    ACTUATOR_LAG,
-    ASYMMETRY,
-    DELAY,
-    LAGS_UP_AND_DOWN,
-    STAGES,
-    LaggedRuns,
-)
+from eivor.models import lagged_runs
+from eivor.models.lagged_runs import ACTUATOR_LAG, LaggedRuns
 from eivor.models.regression import Parameter
 from eivor.models.separable import NoInstruments, Values, WarmStart
 from eivor.motions.rates.motion import AXES
+from eivor.motions.rigid_body import regression as terms
+from eivor.motions.rigid_body import vehicle as vehicles
 from eivor.motions.rigid_body.compatibility import wind_of
 from eivor.motions.rigid_body.dynamics import VELOCITY
 from eivor.motions.rigid_body.physical_parameters import Combinations
-from eivor.motions.rigid_body.regression import (
-    AT_HOVER,
-    COUPLING,
-    DAMPING,
-    DRAG,
-    FORCE_X_EQUATION,
-    FORCE_Z_EQUATION,
-    FRICTION,
-    GAIN,
-    GYROSCOPIC_MOMENT,
-    LIFT,
-    PITCH_EQUATION,
-    PRODUCT,
-    QUADRATIC_DRAG,
-    REACTION,
-    ROLL_EQUATION,
-    TABLES,
-    TERMS,
-    THRUST,
-    YAW_EQUATION,
-    RotorColumns,
-    RotorStates,
-    hover_state,
-    mean_over_step,
-    on_body_axes,
-    rigid_body_problem,
-)
-from eivor.motions.rigid_body.vehicle import (
-    OF_INERTIAS,
-    PITCH_OVER_ROLL,
-    YAW_OVER_ROLL,
-    KnownVehicle,
-    inertia_ratios,
-    inertia_shares,
-)
+from eivor.motions.rigid_body.regression import DRAG, GAIN, GYROSCOPIC_MOMENT
+from eivor.motions.rigid_body.vehicle import OF_INERTIAS, YAW_OVER_ROLL, KnownVehicle, inertia_ratios
 from eivor.signals.filters import time_derivative
 from eivor.signals.thrust_map import input_map
 from eivor.tools import Complex, Float
@@ -80,7 +43,7 @@ from eivor.tools import Complex, Float
 #: An onboard filter runs at its logged rate or so many times its cutoff, whichever is more.
 STEPS_OF_FILTER = 4.0
 
-LAGS = (ACTUATOR_LAG.name, DELAY.name, EFFECTIVE_LAG, *LAGS_UP_AND_DOWN)
+LAGS = (ACTUATOR_LAG.name, lagged_runs.DELAY.name, EFFECTIVE_LAG, *lagged_runs.LAGS_UP_AND_DOWN)
 
 
 def _early(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
@@ -105,7 +68,7 @@ TOLD_SHARE = 0.1
 #: Level of the intervals of what the three columns and one inertia differ by.
 CONSISTENCY_LEVEL = 0.995
 
-_SPINS = (*(item.name for item in GYROSCOPIC_MOMENT), REACTION.name)
+_SPINS = (*(item.name for item in GYROSCOPIC_MOMENT), terms.REACTION.name)
 
 
 def refined_rotor_inertia(
@@ -123,10 +86,10 @@ def refined_rotor_inertia(
 def hover_over_usual(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]) -> float:
     """State of a rotor at hover over that which drag and damping are identified for."""
     columns = problem.columns[0].moving
-    if THRUST.name not in joint or not isinstance(columns, RotorColumns):
+    if terms.THRUST.name not in joint or not isinstance(columns, terms.RotorColumns):
         return 1.0
     states = columns.states
-    hover = hover_state(states.flight, states.vehicle, joint[THRUST.name].value)
+    hover = terms.hover_state(states.flight, states.vehicle, joint[terms.THRUST.name].value)
     return 1.0 if hover is None else hover / states.usual
 
 
@@ -136,7 +99,7 @@ def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
     if not finite.has(*OF_INERTIAS, *_SPINS):
         return None
     values = dict(zip(finite.names, finite.joint.values.tolist(), strict=True))
-    if not min(values[item.name] for item in GAIN[:YAW_EQUATION]) > 0.0:
+    if not min(values[item.name] for item in GAIN[: terms.YAW_EQUATION]) > 0.0:
         return None
     for ratio in YAW_OVER_ROLL:
         of_all = finite.value(ratio)
@@ -144,7 +107,7 @@ def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
         if not (low > 0.0 and high - low <= 2.0 * TOLD_SHARE * of_all.value):
             return None
     mean = f"0.5 * ({' + '.join(YAW_OVER_ROLL)}) * rotor_reaction"
-    for differs in (f"roll_by_spin - {mean}", f"pitch_by_spin - {mean} / ({PITCH_OVER_ROLL})"):
+    for differs in (f"roll_by_spin - {mean}", f"pitch_by_spin - {mean} / ({vehicles.PITCH_OVER_ROLL})"):
         low, high = finite.value(differs, level=CONSISTENCY_LEVEL).interval
         if not low <= 0.0 <= high:
             return None
@@ -157,13 +120,13 @@ def with_common_rotor_inertia(
     """The same problem whose columns of rotors that spin go with J / Izz alone, at so many usual states."""
     moving = problem.parameters[problem.columns[0].fixed.shape[1] :]
     kept = tuple(item for item in moving if item not in GYROSCOPIC_MOMENT)
-    times = dict.fromkeys(AT_HOVER, hover)
+    times = dict.fromkeys(terms.AT_HOVER, hover)
     combination = np.array([[(item == other) / times.get(item, 1.0) for other in kept] for item in moving])
     for axis, entry in enumerate(GYROSCOPIC_MOMENT):
-        combination[moving.index(entry), kept.index(REACTION)] = ratios[axis]
-    columns, at_hover = list(problem.columns), dict[int, RotorStates]()
+        combination[moving.index(entry), kept.index(terms.REACTION)] = ratios[axis]
+    columns, at_hover = list(problem.columns), dict[int, terms.RotorStates]()
     for index, column in enumerate(columns):
-        if isinstance(column.moving, RotorColumns):
+        if isinstance(column.moving, terms.RotorColumns):
             states = column.moving.states  # of all axes of a flight, which remember together
             at_hover.setdefault(id(states), replace(states, usual=hover * states.usual, _last=None))
             reduced = replace(
@@ -187,13 +150,15 @@ def with_products(
     """The same with columns of what elements of the inertia matrix off its diagonal do, and other changes."""
     if not chosen:
         return replace(problem, **changes) if changes else problem
-    shares, added = inertia_shares(values), []
+    shares, added = vehicles.inertia_shares(values), []
     for item in problem.columns:
         columns = np.zeros((item.fixed.shape[0], len(chosen)))
-        if item.axis < FORCE_X_EQUATION and isinstance(item.moving, RotorColumns):
+        if item.axis < terms.FORCE_X_EQUATION and isinstance(item.moving, terms.RotorColumns):
             of, share = item.moving.states.at()[0], shares[item.axis]
             for index, entry in enumerate(chosen):
-                columns[:, index] = share * mean_over_step(of.by_product(item.axis, PRODUCT.index(entry)))
+                columns[:, index] = share * terms.mean_over_step(
+                    of.by_product(item.axis, terms.PRODUCT.index(entry))
+                )
         added.append(columns)
     noisier = None if problem.noisier is None else with_products(problem.noisier, values, chosen)
     return problem.with_fixed(tuple(chosen), added, noisier=noisier, **changes)
@@ -202,14 +167,14 @@ def with_products(
 def rotor_inertia_ratios(problem: LaggedRuns) -> tuple[float, float] | None:
     """Ratios by which a problem's columns of rotors that spin are one; None where they are three."""
     moving = problem.columns[0].moving
-    return moving.common_rotor_inertia if isinstance(moving, RotorColumns) else None
+    return moving.common_rotor_inertia if isinstance(moving, terms.RotorColumns) else None
 
 
 def gyroscopic_moments(
     problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]
 ) -> dict[str, QuantityEstimate]:
     """J / Ixx and J / Iyy, by J / Izz, of a problem in which they are one with it; else nothing."""
-    ratios, of_all = rotor_inertia_ratios(problem), joint.get(REACTION.name)
+    ratios, of_all = rotor_inertia_ratios(problem), joint.get(terms.REACTION.name)
     if ratios is None or of_all is None:
         return {}
     return {item.name: of_all.times(ratios[axis]) for axis, item in enumerate(GYROSCOPIC_MOMENT)}
@@ -218,12 +183,15 @@ def gyroscopic_moments(
 def with_gyroscopic_moments(models: Mapping[str, SimpleModel], fit: str) -> dict[str, SimpleModel]:
     """Models of flights with J / Ixx and J / Iyy as well, by the ratios of the fit among them."""
     values = models[fit].values
-    if not {REACTION.name, *OF_INERTIAS} <= set(values) or GYROSCOPIC_MOMENT[ROLL_EQUATION].name in values:
+    if (
+        not {terms.REACTION.name, *OF_INERTIAS} <= set(values)
+        or GYROSCOPIC_MOMENT[terms.ROLL_EQUATION].name in values
+    ):
         return dict(models)
     ratios = dict(zip([item.name for item in GYROSCOPIC_MOMENT], inertia_ratios(values), strict=True))
 
     def with_moments(model: SimpleModel) -> SimpleModel:
-        of_all = model.values.get(REACTION.name, 0.0)
+        of_all = model.values.get(terms.REACTION.name, 0.0)
         moments = {name: ratio * of_all for name, ratio in ratios.items()}
         return replace(model, values={**model.values, **moments})
 
@@ -243,7 +211,12 @@ class Contradiction:
 
 
 #: Axes that rotors drive, and what they are called.
-DRIVEN = {ROLL_EQUATION: "roll", PITCH_EQUATION: "pitch", YAW_EQUATION: "yaw", FORCE_Z_EQUATION: "thrust"}
+DRIVEN = {
+    terms.ROLL_EQUATION: "roll",
+    terms.PITCH_EQUATION: "pitch",
+    terms.YAW_EQUATION: "yaw",
+    terms.FORCE_Z_EQUATION: "thrust",
+}
 #: A step is no longer small, and its size says little, beyond this share of the lag.
 FAR = 0.5
 _CHANGE = "_lag_change_s"
@@ -290,7 +263,7 @@ def lag_consistency_test(estimate: Estimate) -> Contradiction | None:
     if len(changes) < 2:
         return None
     p_value = homogeneity_p_value(np.array(list(changes.values())), np.array(variances))
-    lag_s = sum(estimate.nuisances.get(item, 0.0) for item in (ACTUATOR_LAG.name, DELAY.name))
+    lag_s = sum(estimate.nuisances.get(item, 0.0) for item in (ACTUATOR_LAG.name, lagged_runs.DELAY.name))
     return disagreeing_lags(lag_s, changes, p_value) if p_value < BEYOND_DOUBT else None
 
 
@@ -423,7 +396,7 @@ def steady_wind(
     problem: LaggedRuns, nuisance_values: Values, flights: Sequence[PreparedFlight]
 ) -> Contradiction | None:
     """The strongest wind that a flight shows; None where none does, or no drag across is identified."""
-    if not set(QUADRATIC_DRAG[:2]) <= set(problem.parameters):
+    if not set(terms.QUADRATIC_DRAG[:2]) <= set(problem.parameters):
         return None
     results = [_of_flight(problem, nuisance_values, number, flight) for number, flight in enumerate(flights)]
     winds = [item for item in results if item is not None]
@@ -444,9 +417,9 @@ def _of_flight(
     """Wind over the mean of a flight, along the axes of the logged velocity [m/s]; None for none."""
     signals = flight.signals
     item, nothing = np.ones(signals.sample_count), np.zeros(signals.sample_count)
-    along_x = on_body_axes(signals, item, nothing, nothing)
-    along_y = on_body_axes(signals, nothing, item, nothing)
-    index = [problem.parameters.index(entry) for entry in QUADRATIC_DRAG[:2]]
+    along_x = terms.on_body_axes(signals, item, nothing, nothing)
+    along_y = terms.on_body_axes(signals, nothing, item, nothing)
+    index = [problem.parameters.index(entry) for entry in terms.QUADRATIC_DRAG[:2]]
     columns = tuple(
         replace(
             column,
@@ -455,11 +428,11 @@ def _of_flight(
             moved=(along,),
         )
         for column in problem.columns
-        if column.flight == number and (along := column.axis - FORCE_X_EQUATION) in (0, 1)
+        if column.flight == number and (along := column.axis - terms.FORCE_X_EQUATION) in (0, 1)
     )
     known = tuple(nuisance.known_at(nuisance_values[nuisance.name]) for nuisance in problem.nuisances)
     try:
-        runs = LaggedRuns(columns, (*_WIND, *QUADRATIC_DRAG[:2], *DRAG[:2]), known)
+        runs = LaggedRuns(columns, (*_WIND, *terms.QUADRATIC_DRAG[:2], *DRAG[:2]), known)
         estimate = identify(runs, by_name("whitened_least_squares"))
     except (DataError, EstimationError):  # too short, or a heading that stays
         return None
@@ -478,10 +451,10 @@ def half_widths_by_wind(
     """What the errors of winds that were taken out are to each parameter, at the lag of the estimate."""
     at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
     spin = rotor_inertia_ratios(problem)
-    chosen = [item for item in PRODUCT if item in problem.parameters]
+    chosen = [item for item in terms.PRODUCT if item in problem.parameters]
 
     def by(flying: Sequence[PreparedFlight]) -> Float[np.ndarray, " k"]:
-        made = rigid_body_problem(tuple(flying), vehicle, NoInstruments())
+        made = terms.rigid_body_problem(tuple(flying), vehicle, NoInstruments())
         made = with_products(made, estimate.parameters, chosen)
         made = made if spin is None else with_common_rotor_inertia(made, spin)
         pairs = zip(made.columns, problem.columns, strict=True)
@@ -534,8 +507,8 @@ def possible_shifts(estimate: Estimate, lags: Contradiction | None) -> dict[str,
         return {}
     results = dict(zip(estimate.names, shifts.T, strict=True))
     of_lag = results.get(ACTUATOR_LAG.name, np.zeros(len(shifts)))
-    results |= dict.fromkeys(LAGS_UP_AND_DOWN, of_lag)
-    results[EFFECTIVE_LAG] = of_lag + results.get(DELAY.name, 0.0)
+    results |= dict.fromkeys(lagged_runs.LAGS_UP_AND_DOWN, of_lag)
+    results[EFFECTIVE_LAG] = of_lag + results.get(lagged_runs.DELAY.name, 0.0)
     return {name: (-min([0.0, *ends]), max([0.0, *ends])) for name, ends in results.items()}
 
 
@@ -566,7 +539,7 @@ class RigidBodyChecks(verdict.MotionChecks):
 
 # -- Rule --
 
-WORDS = TABLES.words
+WORDS = terms.TABLES.words
 LEAST_HZ, LEAST_S = 45.0, 10.0
 LONGER = "Fly larger and quicker steps, or longer."
 GAIN_LIMIT = verdict.Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LONGER, away_from_zero=WORDS.fly)
@@ -576,20 +549,23 @@ LAG_LIMIT = verdict.Limit(
     0.25, 0.5, 0.02, 0.02, narrower="Fly quicker steps, and log rotors and rates faster."
 )
 
-_GAINS = [item.name for item in (THRUST, *GAIN)]
+_GAINS = [item.name for item in (terms.THRUST, *GAIN)]
 LIMITS = {
     **dict.fromkeys(_GAINS, GAIN_LIMIT),
-    **dict.fromkeys([item.name for item in (*DAMPING, *DRAG, FRICTION, LIFT)], SLOW_LIMIT),
-    **dict.fromkeys([item.name for item in COUPLING], COUPLING_LIMIT),
+    **dict.fromkeys([item.name for item in (*terms.DAMPING, *DRAG, terms.FRICTION, terms.LIFT)], SLOW_LIMIT),
+    **dict.fromkeys([item.name for item in terms.COUPLING], COUPLING_LIMIT),
 }
-_DRAGS = tuple(item.name for item in (*DRAG, *QUADRATIC_DRAG))
+_DRAGS = tuple(item.name for item in (*DRAG, *terms.QUADRATIC_DRAG))
 _NO_DRAG = "a disturbance that goes with the motion, such as wind, not the air's drag"
-_DAMPINGS, _PUSHED = tuple(item.name for item in DAMPING), "a torque that goes with the turning drives it"
+_DAMPINGS, _PUSHED = (
+    tuple(item.name for item in terms.DAMPING),
+    "a torque that goes with the turning drives it",
+)
 #: What a steady wind makes wrong: the drags across.
-ACROSS = tuple(item.name for item in (*DRAG[:2], *QUADRATIC_DRAG[:2]))
+ACROSS = tuple(item.name for item in (*DRAG[:2], *terms.QUADRATIC_DRAG[:2]))
 
 PARTS = (
-    verdict.disagreement_part((*LAGS, *(item.name for item in (THRUST, *GAIN)))),
+    verdict.disagreement_part((*LAGS, *(item.name for item in (terms.THRUST, *GAIN)))),
     *verdict.clock_parts(
         LAGS,
         (*(item.name for item in GAIN), *_SPINS),
@@ -606,13 +582,13 @@ PARTS = (
         ),
     ),
     verdict.SystematicPart(
-        tuple(term.parameter.name for term in TERMS),
+        tuple(term.parameter.name for term in terms.TERMS),
         Counts.INDEPENDENT,
         lambda inputs, name: inputs.checks.by_wind.get(name, 0.0),
         "The wind by the airspeed has an error of its own.",
     ),
     verdict.SystematicPart(
-        (*LAGS, ASYMMETRY.name, *(term.parameter.name for term in TERMS)),
+        (*LAGS, lagged_runs.ASYMMETRY.name, *(term.parameter.name for term in terms.TERMS)),
         Counts.ADDED,
         lambda inputs, name: inputs.checks.shifts.get(name, 0.0),
         _shift_sentence,
@@ -637,11 +613,11 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
         _check_rule("lags"),
         _check_rule("wind", ACROSS),
         *verdict.lag_rules(LAG_LIMIT, wording[EFFECTIVE_LAG]),
-        *(rule for name in LAGS_UP_AND_DOWN for rule in LAG_LIMIT.rules(name, wording[name])),
+        *(rule for name in lagged_runs.LAGS_UP_AND_DOWN for rule in LAG_LIMIT.rules(name, wording[name])),
         *verdict.flight_rules(WORDS, LAGS, ()),
     ]
     for name in wording:
-        if name in (*LAGS, *STAGES, ASYMMETRY.name):
+        if name in (*LAGS, *lagged_runs.STAGES, lagged_runs.ASYMMETRY.name):
             continue
         rules += verdict.flight_rules(WORDS, (name,), ())
         if name in _DRAGS:
@@ -669,7 +645,7 @@ def _check_rule(check: str, quantities: tuple[str, ...] = (), status: Status = S
 
 
 def _what_is_wrong(name: str) -> str:
-    if name == THRUST.name:
+    if name == terms.THRUST.name:
         return "the rotor commands, or the accelerometer along z, have the wrong sign"
     axis = name.removesuffix("_gain")
     why = f"the rotors' order about {axis} is another than that of the vehicle file"

@@ -18,22 +18,9 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import Difference, PreparedFlight, SensorAgreement, estimated
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.regression import Parameter
+from eivor.motions.vertical import regression
 from eivor.motions.vertical.model import GRAVITY
-from eivor.motions.vertical.regression import (
-    DRAG,
-    GROUND,
-    QUADRATIC_DRAG,
-    SUPPLY,
-    VOLTAGE_TERM,
-    Ingredients,
-    TermColumn,
-    VerticalFlights,
-    channel_on_grid,
-    explained,
-    explained_ingredients,
-    height_over_ground,
-    voltage,
-)
+from eivor.motions.vertical.regression import SUPPLY, TermColumn, VerticalFlights, explained, voltage
 from eivor.motions.vertical.select import rotated, vertical_row
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, Finding
@@ -57,11 +44,11 @@ LARGEST_DRIFT, UNKNOWN_DRIFT = 1e-3, 5e-4
 LEAST_HEIGHT = 0.05
 
 #: What a term needs, and its column. Here the lift is the mapped input of that mean, and heights are in m.
-_TERMS: dict[str, tuple[str, Callable[[Ingredients], TermColumn]]] = {
-    DRAG: ("velocity", QUADRATIC_DRAG.column),
-    GROUND: ("radii", lambda of: np.maximum(of["radii"], LEAST_HEIGHT) ** -2.0),
+_TERMS: dict[str, tuple[str, Callable[[regression.Ingredients], TermColumn]]] = {
+    regression.DRAG: ("velocity", regression.QUADRATIC_DRAG.column),
+    regression.GROUND: ("radii", lambda of: np.maximum(of["radii"], LEAST_HEIGHT) ** -2.0),
     CURVATURE: ("mean", lambda of: of["mean"] * (of["lift"] / of["mean"] - 1.0) ** 2),
-    SUPPLY: ("voltage", VOLTAGE_TERM.column),
+    SUPPLY: ("voltage", regression.VOLTAGE_TERM.column),
     # K_u U(t - r t) is K_u (U - r t U') nearly
     CLOCK_DRIFT: ("time", lambda of: -of["time"] * np.gradient(of["lift"], of["time"])),
 }
@@ -77,7 +64,7 @@ def omitted_variable_tests(
     timed = any(voltage(flight) is None for flight in flights)  # one coefficient has one meaning
     measured = []
     for item, cut, flight in zip(columns, problem.flights, flights, strict=True):
-        mapped, height = item.moving(estimate.nuisances)[:, 0], height_over_ground(flight)[0]
+        mapped, height = item.moving(estimate.nuisances)[:, 0], regression.height_over_ground(flight)[0]
         volts, mean = _share_of_time(flight) if timed else voltage(flight), float(mapped[flight.used].mean())
         away = volts if timed or volts is None else volts / float(volts[flight.used].mean()) - 1.0
         time = flight.grid.time_s - float(np.mean(flight.span_s))
@@ -85,10 +72,10 @@ def omitted_variable_tests(
         known["mean"] = np.full(1, mean) if mean else None
         measured.append({name: values for name, values in known.items() if values is not None})
     pairs = zip(measured, columns, strict=True)
-    explained = [explained_ingredients(of, item.instruments, item.runs) for of, item in pairs]
+    explained = [regression.explained_ingredients(of, item.instruments, item.runs) for of, item in pairs]
     base = [_linear(problem, item, estimate) for item in columns]
     gain = abs(estimate.parameters["input_gain"]) or math.nan
-    added = {SUPPLY if term is VOLTAGE_TERM else term.parameter.name for term in problem.terms}
+    added = {SUPPLY if term is regression.VOLTAGE_TERM else term.parameter.name for term in problem.terms}
     differences: dict[str, Difference] = {}
     for name, (needed, of_term) in _TERMS.items():
         if name in added or not all(needed in of for of in measured):
@@ -203,10 +190,10 @@ class OmittedTerms:
     def sentence(self, name: str) -> str:
         """What is missed, with number and unit."""
         value, half = self.differences[name].value, self.differences[name].half_width
-        if name == DRAG:
+        if name == regression.DRAG:
             drag = f"a drag of {value:.2g} ± {half:.2g} 1/m times the squared speed"
             return f"{drag} is missed: K is that of these speeds"
-        if name == GROUND:
+        if name == regression.GROUND:
             return (
                 f"thrust {'grows' if value > 0.0 else 'falls'} towards the ground, as if the ground were near"
             )
@@ -393,7 +380,9 @@ def turned(flights: Sequence[PreparedFlight]) -> tuple[str, str]:
 
 def _opposed(flight: PreparedFlight, level: str, rate: str) -> bool:
     """Whether changes of a level over half a second go against the sums of its rate."""
-    levels, rates = (flight.signals.channels.get(key, channel_on_grid(flight, key)) for key in (level, rate))
+    levels, rates = (
+        flight.signals.channels.get(key, regression.channel_on_grid(flight, key)) for key in (level, rate)
+    )
     steps = max(round(0.5 / flight.signals.step_s), 1)
     both = flight.used[steps:] & flight.used[:-steps]
     if levels is None or rates is None or not both.any():
@@ -537,7 +526,7 @@ def _levelled(flight: PreparedFlight, tilts: Mapping[str, Difference]) -> Prepar
     """A flight with the attitude of its accelerometer, unless the mean thrust says that the latter leans."""
     channels, known = dict(flight.signals.channels), flight.recording.channels
     names = [f"specific_force_body_{axis}" for axis in "xyz"] if flight.runs else []
-    forces = [force for name in names if (force := channel_on_grid(flight, name)) is not None]
+    forces = [force for name in names if (force := regression.channel_on_grid(flight, name)) is not None]
     if not (tilts and tilts.keys() <= set(BODY_AXES) and len(forces) == 3):
         return flight
     felt = [float(force[flight.used].mean()) for force in forces]

@@ -11,46 +11,21 @@ import numpy as np
 from eivor import checks
 from eivor.errors import InputError
 from eivor.estimation.estimate import Estimate
-from eivor.flights import lag_prior, motion
+from eivor.flights import lag_prior, motion, quantity
 from eivor.flights.grid import on_grid
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import RATE, Difference, PreparedFlight, Selection, sensor_agreement
-from eivor.flights.quantity import (
-    NAN,
-    NO_INTERVAL,
-    PlotData,
-    Quantity,
-    QuantityEstimate,
-    Trace,
-    TrackedParameter,
-)
+from eivor.flights.quantity import NAN, Quantity, QuantityEstimate, Trace, TrackedParameter
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import InstrumentRule, Prior, Values
 from eivor.motions.rigid_body.vehicle import load_vehicle
-from eivor.motions.vertical import command_limit, misspecification, select, thrust_curve, verdict
+from eivor.motions.vertical import command_limit, misspecification, regression, select, thrust_curve, verdict
 from eivor.motions.vertical.figures import key_figures
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
-from eivor.motions.vertical.regression import (
-    GROUND_EFFECT,
-    TERMS,
-    VOLTAGE,
-    Balance,
-    OptionalTerm,
-    VerticalFlight,
-    VerticalFlights,
-    WeightBalance,
-    apparent_gravity,
-    balance_sums,
-    check_flights,
-    check_terms,
-    hover_of_sums,
-    mean_voltage,
-    vertical_problem,
-    with_surroundings,
-)
+from eivor.motions.vertical.regression import Balance, VerticalFlights, mean_voltage
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.thrust_map import Mixed, input_map
 from eivor.tools import plain
@@ -80,7 +55,7 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
     return 0.5 * chi_square_tail(both, 1) + 0.25 * chi_square_tail(both, 2)
 
 
-def _hover(of: Balance | WeightBalance) -> QuantityEstimate:
+def _hover(of: Balance | regression.WeightBalance) -> QuantityEstimate:
     """Hover input, U_h through the input map's inverse; by the weight without a gain."""
     weight, chosen = of.weight if isinstance(of, Balance) else of, of.problem.motion.input_map
     if isinstance(of, Balance) and not of.by_weight:
@@ -90,7 +65,7 @@ def _hover(of: Balance | WeightBalance) -> QuantityEstimate:
         value, std_error, half = weight.hover
         low, high = value - half, value + half
         if not low > 0.0:
-            return QuantityEstimate(chosen.inverse(value), "", NAN, NO_INTERVAL)
+            return QuantityEstimate(chosen.inverse(value), "", NAN, quantity.NO_INTERVAL)
     hover = chosen.inverse(value)
     error = std_error / chosen.slope(hover) if chosen.slope(hover) > 0.0 else NAN
     return QuantityEstimate(hover, "", error, (chosen.inverse(low), chosen.inverse(high)))
@@ -104,7 +79,9 @@ def known_without_estimate(
         return {}, verdict.VerticalChecks()
     cut, model = tuple(map(vertical_flight, flights)), VerticalMotion(input_map(flights[0].input_map))
     # lags hardly move means
-    of = WeightBalance(vertical_problem(cut, model), {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0})
+    of = regression.WeightBalance(
+        regression.vertical_problem(cut, model), {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
+    )
     return {"hover_input": _hover(of)}, verdict.VerticalChecks(
         drift=of.drift, mean_command=_mean_command(of.problem)
     )
@@ -130,7 +107,7 @@ def supply_findings(flights: tuple[PreparedFlight, ...]) -> Iterator[Finding]:
         if not flight.runs or flight.input.measured:
             continue
         name = f"{flight.recording.name}: " if len(flights) > 1 else ""
-        (start, end), channel = flight.span_s, flight.recording.channels.get(VOLTAGE)
+        (start, end), channel = flight.span_s, flight.recording.channels.get(regression.VOLTAGE)
         stamps, volts = (np.empty(0), np.empty(0)) if channel is None else (channel.time_s, channel.values)
         known = np.isfinite(volts) & (volts > 0.0) & (stamps >= start) & (stamps <= end)
         stamps, volts = stamps[known], volts[known]
@@ -157,11 +134,11 @@ def tracked_gain(
 ) -> TrackedParameter:
     """Rows that identify K_u over a flight, and what is known of K and the intercept."""
     checks.index_of("a parameter", name or "input_gain", ("input_gain",))
-    quantity, friction = quantities["viscous_friction"], ANY_FRICTION
+    estimated, friction = quantities["viscous_friction"], ANY_FRICTION
     source = "as of any multirotor: the flight does not identify it"
     by_flight = "as the whole flight identifies it"
-    if quantity.verdict is not Status.REFUSED and 0.0 < quantity.half_width < math.inf:
-        friction = Prior(quantity.value, max(quantity.std_error, 0.5 * quantity.half_width))
+    if estimated.verdict is not Status.REFUSED and 0.0 < estimated.half_width < math.inf:
+        friction = Prior(estimated.value, max(estimated.std_error, 0.5 * estimated.half_width))
         source = by_flight
     bias, pooled, intercept = options.accelerometer_bias, quantities["intercept"], None
     level = "Nothing is known of the intercept: only movement identifies the gain."
@@ -203,7 +180,7 @@ def resampled(
     """Friction, gain and hover input; lag and effective lag when they were searched for."""
     names = ("viscous_friction", "input_gain", *(term.parameter.name for term in problem.terms))
     results = {name: parameters[name] for name in names}
-    mapped = hover_of_sums(parameters, sums)
+    mapped = regression.hover_of_sums(parameters, sums)
     results["hover_input"] = problem.motion.input_map.inverse(mapped)
     lag_s, delay_s = (nuisances[name] for name in (ACTUATOR_LAG.name, DELAY.name))
     searched = {nuisance.name for nuisance in problem.nuisances if nuisance.searched}
@@ -253,7 +230,7 @@ ABILITIES = motion.Abilities(
         misspecification.sensor_agreement_sentence,
         misspecification.corrected,
     ),
-    resampling=motion.Resampling(balance_sums, resampled),
+    resampling=motion.Resampling(regression.balance_sums, resampled),
     prediction=motion.Prediction(simple_models, predictions),
     tracking=tracked_gain,
     closed_loop_record=closed_loop_record,
@@ -269,7 +246,7 @@ ABILITIES = motion.Abilities(
 class Vertical(motion.Motion[VerticalFlights]):
     """z'' + g = K_u U - K z' + b, behind the lag of the actuators."""
 
-    added: tuple[OptionalTerm, ...] = ()
+    added: tuple[regression.OptionalTerm, ...] = ()
     rotor_radius: float | None = None  # [m]
     mean_voltage: float | None = None
 
@@ -294,7 +271,7 @@ class Vertical(motion.Motion[VerticalFlights]):
             vehicle=motion.VehicleSupport(self._of_vehicle, record if self.added else None, self._restored),
             check=self._check,
             for_flights=self._for_flights,
-            terms={word: term.meaning for word, term in TERMS.items()},
+            terms={word: term.meaning for word, term in regression.TERMS.items()},
         )
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
@@ -305,8 +282,10 @@ class Vertical(motion.Motion[VerticalFlights]):
         cut = tuple(map(vertical_flight, flights))
         if self.added:
             pairs = zip(cut, flights, strict=True)
-            cut = tuple(with_surroundings(*pair, self.rotor_radius, self.mean_voltage) for pair in pairs)
-        return vertical_problem(cut, model, rule, terms=self.added)
+            cut = tuple(
+                regression.with_surroundings(*pair, self.rotor_radius, self.mean_voltage) for pair in pairs
+            )
+        return regression.vertical_problem(cut, model, rule, terms=self.added)
 
     def derive(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         of, joint = Balance(problem, estimate), lag_prior.joint_quantities(estimate)
@@ -339,12 +318,12 @@ class Vertical(motion.Motion[VerticalFlights]):
             map_exponent=of_map,
             input_spread=float(np.concatenate(of.weight.columns)[:, 2].std()) / abs(of.hover[0]),
             thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
-            apparent_gravity=apparent_gravity(problem),
+            apparent_gravity=regression.apparent_gravity(problem),
             turned=misspecification.turned(flights),
             command_limit=problem.flights[0].command_limit,
             sideways_speed=misspecification.sideways_speed(flights),
             near_ground=verdict.near_ground(
-                flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added
+                flights, self.rotor_radius, corrected=regression.GROUND_EFFECT in self.added
             ),
             omitted=omitted,
             drift=of.drift,
@@ -373,17 +352,19 @@ class Vertical(motion.Motion[VerticalFlights]):
             height = on_grid(flight.recording.channel("position_z"), flight.grid)[0]
             wanted = flight.reference_on_grid("reference_position_z")
             target = None if wanted is None else flight.where_logged(wanted, "reference_position_z")
-            panels.insert(0, PlotData("height [m]", flight.where_logged(height, "position_z"), target))
+            panels.insert(
+                0, quantity.PlotData("height [m]", flight.where_logged(height, "position_z"), target)
+            )
         return motion.FlightView(symbols, tuple(panels))
 
     def _check(self, options: FlightOptions) -> None:
-        check_terms(options, self.rotor_radius)
+        regression.check_terms(options, self.rotor_radius)
         if options.input_map not in ("", FIT_MAP):
             input_map(options.input_map)
 
     def _for_flights(self, flights: motion.Flights, options: FlightOptions) -> Vertical:
-        check_flights(flights, options)
-        added = tuple(TERMS[word] for word in options.terms)
+        regression.check_flights(flights, options)
+        added = tuple(regression.TERMS[word] for word in options.terms)
         radius = self.rotor_radius if options.rotor_radius is None else options.rotor_radius
         known = mean_voltage(flights) if self.mean_voltage is None else self.mean_voltage
         return replace(self, added=added, rotor_radius=radius, mean_voltage=known)
@@ -402,9 +383,9 @@ class Vertical(motion.Motion[VerticalFlights]):
         raise InputError("a result with rotor_radius and mean_voltage of its terms", f"{record!r}", remedy)
 
 
-def vertical_flight(flight: PreparedFlight) -> VerticalFlight:
+def vertical_flight(flight: PreparedFlight) -> regression.VerticalFlight:
     """Return what the regressions of vertical motion need of a flight."""
-    return VerticalFlight(
+    return regression.VerticalFlight(
         flight.signals,
         flight.input.name,
         flight.input.measured,

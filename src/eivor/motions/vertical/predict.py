@@ -15,14 +15,9 @@ from eivor.flights.quantity import Horizon, PredictedQuantity, SimpleModel
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.models.spectral import densities
+from eivor.motions.vertical import regression
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION
-from eivor.motions.vertical.regression import (
-    QUADRATIC_DRAG,
-    MovingColumns,
-    VerticalFlights,
-    balance_sums,
-    hover_of_sums,
-)
+from eivor.motions.vertical.regression import QUADRATIC_DRAG, VerticalFlights
 from eivor.signals.recording import LARGEST_VALUE
 from eivor.tools import Bool, Float
 
@@ -127,7 +122,7 @@ def taken(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
     if ACTUATOR_LAG.name in estimate.names and wider(ACTUATOR_LAG.name, TOLD_LAG_S):
         lag, delay = USUAL_LAG_S, 0.0
     if wider(INPUT_GAIN.name, TOLD_GAIN * abs(gain)):
-        sums = balance_sums(problem, {**index, ACTUATOR_LAG.name: lag, DELAY.name: delay})
+        sums = regression.balance_sums(problem, {**index, ACTUATOR_LAG.name: lag, DELAY.name: delay})
         gain = GRAVITY * float(sums["samples"].sum() / sums["mapped"].sum())
     chosen = {VISCOUS_FRICTION.name: friction, INPUT_GAIN.name: gain}
     return {**index, **estimate.parameters, **chosen, ACTUATOR_LAG.name: lag, DELAY.name: delay}
@@ -211,8 +206,8 @@ def simple_models(problem: VerticalFlights, estimate: Estimate) -> dict[str, Sim
     rows = problem.rows(index)
     fitted = np.linalg.lstsq(rows.regressors, rows.response)[0].tolist()
     least_squares = {**index, **{p.name: theta for p, theta in zip(rows.parameters, fitted, strict=True)}}
-    sums = {name: float(each.sum()) for name, each in balance_sums(problem, index).items()}
-    weight = GRAVITY / hover_of_sums(estimate.parameters, sums)
+    sums = {name: float(each.sum()) for name, each in regression.balance_sums(problem, index).items()}
+    weight = GRAVITY / regression.hover_of_sums(estimate.parameters, sums)
     others = {parameter.name: 0.0 for parameter in rows.parameters}
     return {
         "least_squares": SimpleModel("least squares that ignores the lag", least_squares),
@@ -241,7 +236,7 @@ def _open_loop(problem: VerticalFlights, values: Values) -> Float[np.ndarray, " 
     weights = np.array([0.0 if name == QUADRATIC_DRAG.parameter.name else values[name] for name in names])
     results: list[Float[np.ndarray, " _"]] = []
     for flight in problem.flights:
-        driven = MovingColumns(flight, problem.motion, problem.terms)(values) @ weights
+        driven = regression.MovingColumns(flight, problem.motion, problem.terms)(values) @ weights
         step_s = flight.signals.step_s
         for run in flight.runs:
             counted = slice(None) if flight.signals.valid is None else flight.signals.valid[run]

@@ -17,25 +17,8 @@ from eivor.flights.verdict import VerdictInputs
 from eivor.inference.verdict import Cause, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
-from eivor.motions.vertical.misspecification import (
-    CLOCK_DRIFT,
-    CURVATURE,
-    LEAST_TERM,
-    NO_SPECTRUM,
-    OFFSET,
-    OTHER_UNIT_TIMES,
-    SCALE,
-    TILTS,
-    OmittedTerms,
-    Sensitivities,
-    Spectrum,
-    behind,
-    change_by,
-    coherent_friction,
-    one_stands,
-    sentence,
-    velocity_over_accelerometer,
-)
+from eivor.motions.vertical import misspecification
+from eivor.motions.vertical.misspecification import OFFSET, OTHER_UNIT_TIMES, SCALE, sentence
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.regression import GROUND, SUPPLY, TERMS, ThrustDrift, height_over_ground
 from eivor.motions.vertical.select import QUANTITIES, TABLES
@@ -64,11 +47,11 @@ class VerticalChecks(verdict.MotionChecks):
     sideways_speed: float = math.nan  # Root mean square of the horizontal speed [m/s]
     #: Share of the time used near the ground, and the lowest height in radii; None where not known
     near_ground: tuple[float, float] | None = None
-    omitted: OmittedTerms = field(default_factory=OmittedTerms)
+    omitted: misspecification.OmittedTerms = field(default_factory=misspecification.OmittedTerms)
     drift: ThrustDrift | None = None  # Line in time that rows lose
     mean_command: float = 1.0  # Of the rotors, over the command of their mean thrust
-    sensitivities: Sensitivities = field(default_factory=dict)
-    velocity: Spectrum = NO_SPECTRUM  # As far as the references explain it
+    sensitivities: misspecification.Sensitivities = field(default_factory=dict)
+    velocity: misspecification.Spectrum = misspecification.NO_SPECTRUM  # As far as the references explain it
     command_limit: CommandLimit | None = None
 
     @property
@@ -139,7 +122,7 @@ SHORT, SHORT_S = 0.6, 15.0
 #: Smaller shares of a quantity are not worth a sentence.
 LEAST_SHARE = 0.002
 
-_TILTS = tuple(tilt.name for tilt in TILTS.values())
+_TILTS = tuple(tilt.name for tilt in misspecification.TILTS.values())
 
 
 def _few_seconds(inputs: VerdictInputs) -> float:
@@ -193,12 +176,14 @@ def _unknown_tilt(inputs: VerdictInputs, name: str) -> float:
 
 def _tilt(inputs: VerdictInputs, name: str, sizes: Mapping[str, float]) -> float:
     known = inputs.checks.sensitivities
-    return TILT_FACTOR * math.hypot(*(size * change_by(tilt, name, known) for tilt, size in sizes.items()))
+    return TILT_FACTOR * math.hypot(
+        *(size * misspecification.change_by(tilt, name, known) for tilt, size in sizes.items())
+    )
 
 
 def _by_offset(inputs: VerdictInputs, name: str, size_s: float) -> float:
     """What an offset in time between the sensors, or of the command, does."""
-    return size_s * abs(change_by(OFFSET.name, name, inputs.checks.sensitivities))
+    return size_s * abs(misspecification.change_by(OFFSET.name, name, inputs.checks.sensitivities))
 
 
 def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float]:
@@ -209,7 +194,7 @@ def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     both = inputs.corrected(OFFSET.name)
     if name in SEARCHED:
         return size, size if both else 0.0
-    low, high = behind(size if both else difference.value, name, inputs.checks.sensitivities)
+    low, high = misspecification.behind(size if both else difference.value, name, inputs.checks.sensitivities)
     return (max(low, high),) * 2 if both else (low, high)
 
 
@@ -272,7 +257,7 @@ def _supply(inputs: VerdictInputs, name: str) -> float:
     change = omitted.supply_change
     if drift is not None and omitted.voltage_change is None:  # the line in time is the same, and known closer
         change = min(change, (abs(drift.rate) + drift.half_width) * drift.duration_s / GRAVITY)
-    share = (0.5 if name == GAIN else 0.25) * change * (change >= LEAST_TERM[SUPPLY])
+    share = (0.5 if name == GAIN else 0.25) * change * (change >= misspecification.LEAST_TERM[SUPPLY])
     return 0.0 if name == HOVER and drift is not None else float(share * abs(inputs.value(name)))
 
 
@@ -293,7 +278,7 @@ def _periodic(inputs: VerdictInputs, _name: str) -> float:
     swing = inputs.swing
     if swing is None:
         return 0.0
-    friction = coherent_friction(inputs.checks.velocity, 1.0 / swing.period, inputs.used_s)
+    friction = misspecification.coherent_friction(inputs.checks.velocity, 1.0 / swing.period, inputs.used_s)
     return float(swing.amplitude / math.sqrt(2.0) * friction)
 
 
@@ -356,7 +341,7 @@ PARTS = (
         Counts.ADDED,
         lambda inputs, name: _shifted(inputs, name, _clocks_apart_s(inputs)[0]),
         lambda inputs: (
-            f"{inputs.checks.omitted.spoken(CLOCK_DRIFT)}: up to "
+            f"{inputs.checks.omitted.spoken(misspecification.CLOCK_DRIFT)}: up to "
             f"{1e3 * _clocks_apart_s(inputs)[0]:.2g} ms in this flight."
         ),
     ),
@@ -452,7 +437,10 @@ OTHER_UNIT = 3.0
 
 def _bend(inputs: VerdictInputs) -> str:
     """What the bend of the thrust curve adds to the intercept, with a blank before it; empty for nothing."""
-    bend, intercept = inputs.checks.omitted.differences.get(CURVATURE), inputs.quantities["intercept"]
+    bend, intercept = (
+        inputs.checks.omitted.differences.get(misspecification.CURVATURE),
+        inputs.quantities["intercept"],
+    )
     if bend is None or not (bend.p_value < BENDS and bend.value * intercept.value < 0.0):
         return ""
     of_power, uncertain = -intercept.value / (2.0 * GRAVITY), intercept.half_width / (2.0 * GRAVITY)
@@ -487,12 +475,12 @@ def _gravity_sentence(inputs: VerdictInputs) -> str:
 def _times(inputs: VerdictInputs) -> float:
     """What the velocity reads over what the accelerometer does."""
     scale = None if inputs.sensors is None else inputs.sensors.significant.get(SCALE.name)
-    return 1.0 if scale is None else velocity_over_accelerometer(scale.value)
+    return 1.0 if scale is None else misspecification.velocity_over_accelerometer(scale.value)
 
 
 def _sensor_remedy(inputs: VerdictInputs) -> str:
     scale = _difference(inputs, SCALE.name)
-    if scale is not None and one_stands(scale):
+    if scale is not None and misspecification.one_stands(scale):
         return "Log both at 50 Hz or more: vibration folds into slower samples."
     return "Correct the unit of one of them (in a table by a channel map: unit = ...)."
 
