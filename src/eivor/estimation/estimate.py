@@ -35,16 +35,7 @@ from eivor.inference.distributions import chi_square_tail
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation, singular_sensitivity
 from eivor.inference.regions import Ellipse
 from eivor.inference.verdict import Reason, Status, verdict
-from eivor.linalg.system import (
-    COPIED_ROWS,
-    LinearSystem,
-    ScoreCorrection,
-    Solution,
-    Solver,
-    made_ahead,
-    row_blocks,
-    triangular_root,
-)
+from eivor.linalg import system as linalg
 from eivor.linalg.total_least_squares import row_lengths
 from eivor.models.regression import LinearProblem, Parameter, Regression, RowBlock, SampleRows
 from eivor.models.spectral import BinRows
@@ -64,12 +55,12 @@ class Estimate:
     """Named parameters with units, intervals, and all that inference needs to know of them."""
 
     assembler: Assembler
-    solver: Solver
+    solver: linalg.Solver
     moments: Moments
     problem: LinearProblem | None  # None of an estimate from moments
-    system: LinearSystem  # Equations before their weighting
+    system: linalg.LinearSystem  # Equations before their weighting
     factor: Float[np.ndarray, "p p"] | None  # Factor L of the equations' weighting
-    solution: Solution  # Linear parameters, and the condition of their equations
+    solution: linalg.Solution  # Linear parameters, and the condition of their equations
     method: str = ""  # Name of the method
     joint_parameters: tuple[Parameter, ...] = ()  # In the order of the joint vector
     met: tuple[Reason, ...] = ()  # Reasons against the estimate that were met while it was made
@@ -500,7 +491,7 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
         problem = estimate.problem
         plain = not estimate.nuisance_columns.size and assembler.needs_instruments
         if plain and lags_without_gaps(problem):
-            for ends in row_blocks(problem.first, problem.signals.sample_count, COPIED_ROWS):
+            for ends in linalg.row_blocks(problem.first, problem.signals.sample_count, linalg.COPIED_ROWS):
                 yield partial(filtered_instruments, problem, combinations, *ends)
             return
         for block in blocks():
@@ -516,20 +507,20 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
         return EquationRows(block.instruments, residual, scores, block.flights, combined)
 
     prior = np.sqrt(unit * count) * pseudo
-    rows = partial(made_ahead, in_coordinates)
+    rows = partial(linalg.made_ahead, in_coordinates)
     return EstimatingEquation(root, count * R, round(count), lambda: rows(tested()), prior.T @ prior)
 
 
 def _direct_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
     system, theta, searched = estimate.system, estimate.theta, estimate.nuisance_columns.shape[1]
-    known, root = estimate.prior_rows(), triangular_root(system.matrix)
+    known, root = estimate.prior_rows(), linalg.triangular_root(system.matrix)
     unit = estimate.residual_variance() if known.size else 0.0
     if searched:
-        root = triangular_root(np.vstack([next(iter(blocks())).regressors, np.sqrt(unit) * known]))
+        root = linalg.triangular_root(np.vstack([next(iter(blocks())).regressors, np.sqrt(unit) * known]))
     if root.shape[0] < root.shape[1]:
         raise singular_sensitivity()
 
-    def corrected(residual: Float[np.ndarray, " rows"]) -> ScoreCorrection:
+    def corrected(residual: Float[np.ndarray, " rows"]) -> linalg.ScoreCorrection:
         return estimate.solver.score_correction(residual, theta, system.error_covariance)
 
     correction = np.pad(corrected(system.right - system.matrix @ theta).sensitivity, (0, searched))

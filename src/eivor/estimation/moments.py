@@ -15,14 +15,7 @@ from eivor.errors import CovarianceError, InstrumentError, NonFiniteError, TooFe
 from eivor.inference.covariance import unit_scale
 from eivor.inference.diagnostics.residuals import GROUPS
 from eivor.inference.estimating_equation import Products, block_edges, products_of_rows
-from eivor.linalg.system import (
-    MULTIPLIED_ROWS,
-    LinearSystem,
-    made_ahead,
-    merged_roots,
-    row_blocks,
-    triangular_root,
-)
+from eivor.linalg import system as linalg
 from eivor.models.regression import Column, LinearProblem, Parameter, Regression, RowBlock
 from eivor.models.signal_regression import SignalRegression
 from eivor.tools import Float, Int
@@ -99,8 +92,8 @@ def products_of_signals(problem: SignalRegression, *, instruments: bool) -> Prod
         Z = problem.columns_between((*psi, *columns), *stretch)
         return Z.T @ Z
 
-    stretches = row_blocks(problem.first, problem.signals.sample_count, MULTIPLIED_ROWS)
-    sums = np.asarray(sum(made_ahead(part, stretches)))
+    stretches = linalg.row_blocks(problem.first, problem.signals.sample_count, linalg.MULTIPLIED_ROWS)
+    sums = np.asarray(sum(linalg.made_ahead(part, stretches)))
     return Products(np.array([count], dtype=np.float64), sums[None], p)
 
 
@@ -155,7 +148,7 @@ def _lag_products(
     def folded(block: tuple[int, int]) -> Float[np.ndarray, "others width fold"]:
         width = FOLD + most - least
         total = np.zeros((len(with_lagged), width, FOLD))
-        for start, stop in row_blocks(*block, MULTIPLIED_ROWS):
+        for start, stop in linalg.row_blocks(*block, linalg.MULTIPLIED_ROWS):
             rows = (stop - start) // FOLD
             origin = series[start - most :]
             A = as_strided(origin, (rows, width), (FOLD * origin.strides[0], origin.strides[0])).copy()
@@ -165,7 +158,7 @@ def _lag_products(
 
     blocks = list(pairwise(edges.tolist()))
     # every block by itself: threads change no sum
-    each = map(folded, blocks) if last - first < THREADED_FROM_ROWS else made_ahead(folded, blocks)
+    each = map(folded, blocks) if last - first < THREADED_FROM_ROWS else linalg.made_ahead(folded, blocks)
     G, p, index = np.stack(list(each)), most - least + 1, np.arange(FOLD)
     sums = np.stack([G[..., index + p - 1 - lag, index].sum(axis=-1) for lag in range(p)], axis=-2)
     for sample in range(int(edges[-1]), last):
@@ -217,11 +210,13 @@ def root_of_rows(problem: LinearProblem) -> tuple[int, Float[np.ndarray, "k n_pl
     if isinstance(problem, SignalRegression):
         columns = (*problem.regressor_columns, problem.equation.response)
         root = np.empty((0, len(columns)))
-        for start, stop in row_blocks(problem.first, problem.signals.sample_count, 4 * MULTIPLIED_ROWS):
-            root = merged_roots(root, problem.columns_between(columns, start, stop))
+        for start, stop in linalg.row_blocks(
+            problem.first, problem.signals.sample_count, 4 * linalg.MULTIPLIED_ROWS
+        ):
+            root = linalg.merged_roots(root, problem.columns_between(columns, start, stop))
         return row_count(problem), root
     rows = problem.rows()
-    return rows.response.size, triangular_root(np.column_stack([rows.regressors, rows.response]))
+    return rows.response.size, linalg.triangular_root(np.column_stack([rows.regressors, rows.response]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +231,7 @@ class TriangularMoments:
         if not isinstance(other, TriangularMoments) or self.root.shape[1] != other.root.shape[1]:
             raise _unlike(self, other)
         noise = _mean_noise(self, other)
-        return TriangularMoments(self.rows + other.rows, merged_roots(self.root, other.root), noise)
+        return TriangularMoments(self.rows + other.rows, linalg.merged_roots(self.root, other.root), noise)
 
 
 @dataclass(frozen=True, slots=True)
@@ -358,7 +353,7 @@ class Assembler(ABC):
             return problem.instrument_noise_covariance()
         return problem.regressor_noise_covariance()[:-1]
 
-    def system(self, moments: Moments) -> LinearSystem:
+    def system(self, moments: Moments) -> linalg.LinearSystem:
         """Equations for the parameters; by default mean cross-products, less the noises' where it does so."""
         if not isinstance(moments, CrossMoments):
             raise _other_kind("cross moments", moments)
@@ -374,7 +369,7 @@ class Assembler(ABC):
             equations = equations - moments.noise
         if self.takes_out_own_noise:
             _check_compensated(moments.equations[:, :-1], equations[:, :-1])
-        return LinearSystem(equations[:, :-1], equations[:, -1])
+        return linalg.LinearSystem(equations[:, :-1], equations[:, -1])
 
     def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """Functions psi whose products with the residual the equations are made of."""
@@ -391,10 +386,10 @@ class Direct(Assembler):
         count, root = root_of_rows(problem)
         return TriangularMoments(float(count), root, problem.declared_noise())
 
-    def system(self, moments: Moments) -> LinearSystem:
+    def system(self, moments: Moments) -> linalg.LinearSystem:
         if not isinstance(moments, TriangularMoments):
             raise _other_kind("triangular moments", moments)
-        return LinearSystem(moments.root[:, :-1], moments.root[:, -1], moments.noise, moments.rows)
+        return linalg.LinearSystem(moments.root[:, :-1], moments.root[:, -1], moments.noise, moments.rows)
 
 
 @dataclass(frozen=True, slots=True)

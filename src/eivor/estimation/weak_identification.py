@@ -14,12 +14,7 @@ from eivor import checks
 from eivor.errors import InstrumentError, TooFewSamplesError, UsageError
 from eivor.estimation.linear import LinearMethod, check_method
 from eivor.estimation.moments import CrossMoments, Instrumental
-from eivor.inference.anderson_rubin import (
-    LinearScores,
-    averages_for,
-    robust_region,
-    sign_perturbed_region,
-)
+from eivor.inference import anderson_rubin
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.covariance import cosine_averages
 from eivor.inference.diagnostics.record import whitening
@@ -78,7 +73,7 @@ class MomentRows:
             raise InstrumentError(expected, f"{change.shape[1]}", "Add lags or exogenous columns.")
         return replace(self, test_functions=psi @ change, noise=change.T @ self.noise)
 
-    def scores(self, averages: int | None) -> LinearScores:
+    def scores(self, averages: int | None) -> anderson_rubin.LinearScores:
         """Sums and cosine averages of the scores, in one pass; by rule when their number is not given."""
         equations = self.test_functions.shape[1]
         if averages is not None and not equations <= averages < self.columns.shape[0]:
@@ -88,9 +83,9 @@ class MomentRows:
         cosines = []
         for column in self.columns.T:
             scores = self.layout.scores(self.test_functions, column)
-            count = averages or averages_for(scores.shape[0], equations)
+            count = averages or anderson_rubin.averages_for(scores.shape[0], equations)
             cosines.append(cosine_averages(scores, count))
-        return LinearScores(total, np.stack(cosines, axis=2))
+        return anderson_rubin.LinearScores(total, np.stack(cosines, axis=2))
 
 
 def moment_rows(problem: LinearProblem, method: LinearMethod) -> MomentRows:
@@ -183,7 +178,7 @@ class AndersonRubinSet(_ConfidenceSets):
         if len(gone) == len(names):
             gone = []
         rows = self.rows.without(gone).independent()
-        return robust_region(rows.names, rows.scores(self.averages), self.level)
+        return anderson_rubin.robust_region(rows.names, rows.scores(self.averages), self.level)
 
 
 @dataclass(frozen=True)
@@ -309,7 +304,7 @@ def sign_perturbed_set(
         remedy = "Use anderson_rubin_set."
         raise UsageError(expected, "bins of spectra, whose errors are not independent", remedy)
     usable = rows.independent()
-    region = sign_perturbed_region(
+    region = anderson_rubin.sign_perturbed_region(
         usable.names, usable.test_functions, usable.columns, rng, level=level, sums=sums
     )
     return SignPerturbedSet(problem.parameters, level, sums, region)

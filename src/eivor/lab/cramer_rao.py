@@ -9,13 +9,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import ParameterError
-from eivor.estimation.sampled_motion import (
-    NoiseModel,
-    PairSpectrum,
-    SampledMotion,
-    SampledRecord,
-    unitary_bins,
-)
+from eivor.estimation import sampled_motion
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.records import DisturbanceRoute, Intersample, Scenario, SimulatedRecord, simulate
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
@@ -103,11 +97,11 @@ def disturbance_power(scenario: Scenario, seed: int = 0) -> Float[np.ndarray, " 
     """Mean power of a scenario's disturbance in each bin, over records: of unitary bins, as a variance."""
     series = (record.truth.channel("disturbance") for record in _records(scenario, seed, DISTURBED_RUNS))
     first = next(series)
-    equal, power = unitary_bins(first), np.abs(unitary_bins(first)) ** 2
+    equal, power = sampled_motion.unitary_bins(first), np.abs(sampled_motion.unitary_bins(first)) ** 2
     differs = False
     for other in series:
         differs = differs or not np.array_equal(first, other)
-        bins = unitary_bins(other)
+        bins = sampled_motion.unitary_bins(other)
         equal, power = equal + bins, power + np.abs(bins) ** 2
     if not differs:
         return np.full(equal.size, float(first.var()))
@@ -118,10 +112,10 @@ def _information(
     scenario: Scenario, record: SimulatedRecord, power: Float[np.ndarray, " bins"]
 ) -> Float[np.ndarray, "2 2"]:
     signals = record.signals
-    U = unitary_bins(record.truth.channel("input"))
-    bins = SampledRecord(signals.step_s, signals.sample_count, U, U, U)
+    U = sampled_motion.unitary_bins(record.truth.channel("input"))
+    bins = sampled_motion.SampledRecord(signals.step_s, signals.sample_count, U, U, U)
     blend = 0.5 if scenario.intersample is Intersample.LINEAR else 0.0
-    motion = SampledMotion(bins, scenario.viscous_friction, scenario.input_gain, blend)
+    motion = sampled_motion.SampledMotion(bins, scenario.viscous_friction, scenario.input_gain, blend)
     known = replace(noise_of_record(scenario, record), disturbance=power)
     C = known.spectrum(motion)
     d = motion.directions[:2]
@@ -135,11 +129,11 @@ def _information(
 class KnownNoise:
     """Noises of a simulated record as they really are."""
 
-    noise: NoiseModel
+    noise: sampled_motion.NoiseModel
     disturbance: Float[np.ndarray, " bins"]
     moves: bool
 
-    def spectrum(self, motion: SampledMotion) -> PairSpectrum:
+    def spectrum(self, motion: sampled_motion.SampledMotion) -> sampled_motion.PairSpectrum:
         """C of the residuals."""
         _, _, of_response, of_disturbance = motion.shapes()
         shape = of_disturbance if self.moves else of_response
@@ -149,11 +143,11 @@ class KnownNoise:
 def noise_of_record(scenario: Scenario, record: SimulatedRecord) -> KnownNoise:
     """Noises of one record of a scenario; its disturbance counts as white."""
     series = record.truth.channel("disturbance")
-    white = np.full(unitary_bins(series).size, float(series.var()))
+    white = np.full(sampled_motion.unitary_bins(series).size, float(series.var()))
     return KnownNoise(_known_noise(record.signals.noise), white, scenario.route is DisturbanceRoute.DYNAMICS)
 
 
-def _known_noise(noises: Mapping[str, MeasurementNoise]) -> NoiseModel:
+def _known_noise(noises: Mapping[str, MeasurementNoise]) -> sampled_motion.NoiseModel:
     """Strengths and orders that a scenario's record really has; no disturbance."""
     variances, orders = [], []
     for name in ("input", "velocity_z", "acceleration_z"):
@@ -167,10 +161,12 @@ def _known_noise(noises: Mapping[str, MeasurementNoise]) -> NoiseModel:
         orders.append(noise.order if isinstance(noise, FractionalNoise) else 0.0)
     if orders[0] != 0.0:
         raise ParameterError("white noise of the input, for a bound", "fractional noise", "Use WhiteNoise.")
-    return NoiseModel(variances[0], np.array([*variances[1:], 0.0]), np.array([*orders[1:], 0.0]))
+    return sampled_motion.NoiseModel(
+        variances[0], np.array([*variances[1:], 0.0]), np.array([*orders[1:], 0.0])
+    )
 
 
-def _shaped_noise_information(known: KnownNoise, motion: SampledMotion) -> float:
+def _shaped_noise_information(known: KnownNoise, motion: sampled_motion.SampledMotion) -> float:
     """tr(R^-1 R_K R^-1 R_K), of a disturbance that the friction shapes, summed over bins."""
     record, h, noise = motion.record, motion.pushed, known.noise
     power = known.disturbance[:, None, None]

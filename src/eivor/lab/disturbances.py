@@ -10,19 +10,8 @@ from typing import Annotated
 import numpy as np
 
 from eivor.checks import finite, given, in_ranges, non_negative, positive, require
+from eivor.simulation import excitation
 from eivor.simulation.environment import gusts
-from eivor.simulation.excitation import (
-    Disturbance,
-    Finite,
-    GivenSeries,
-    Positive,
-    Size,
-    at_least,
-    autoregression,
-    constant,
-    equally_many,
-    largest_root,
-)
 from eivor.tools import Float
 
 
@@ -30,10 +19,10 @@ from eivor.tools import Float
 class CoefficientCourse:
     """Course of a coefficient over a record: mean + amplitude sin(2 pi cycles k / N + phase)."""
 
-    mean: Finite = 0.0  # Pure numbers
-    amplitude: Finite = 0.0
-    cycles: Finite = 1.0  # Periods in the record of N samples
-    phase: Finite = 0.0  # At the first sample [rad]
+    mean: excitation.Finite = 0.0  # Pure numbers
+    amplitude: excitation.Finite = 0.0
+    cycles: excitation.Finite = 1.0  # Periods in the record of N samples
+    phase: excitation.Finite = 0.0  # At the first sample [rad]
 
     def __post_init__(self) -> None:
         in_ranges(self)
@@ -49,17 +38,17 @@ CHECKED = 257
 
 
 @dataclass(frozen=True, slots=True)
-class Arma(Disturbance):
+class Arma(excitation.Disturbance):
     """Autoregressive moving average, stationary from its first sample."""
 
-    std: Size  # Standard deviation of the shocks w, in the unit of the equation
+    std: excitation.Size  # Standard deviation of the shocks w, in the unit of the equation
     # a_1, a_2, ... and b_1, b_2, ...
     autoregression: Annotated[tuple[float, ...], (finite, "coefficient of autoregression")] = ()
     moving_average: Annotated[tuple[float, ...], (finite, "coefficient of moving_average")] = ()
 
     def __post_init__(self) -> None:
-        Disturbance.__post_init__(self)
-        root = largest_root(np.array(self.autoregression))
+        excitation.Disturbance.__post_init__(self)
+        root = excitation.largest_root(np.array(self.autoregression))
         require(
             root < 1.0,
             "a stationary autoregression, whose modes all die out",
@@ -84,22 +73,22 @@ class Arma(Disturbance):
         driven = np.convolve(np.concatenate([[1.0], self.moving_average]), shocks)[:count]
         echo = (transition @ before)[:count]
         driven[: echo.size] += echo
-        return self.std * autoregression(driven, constant(self.autoregression, count))
+        return self.std * excitation.autoregression(driven, excitation.constant(self.autoregression, count))
 
 
 @dataclass(frozen=True, slots=True)
-class TimeVaryingArma(Disturbance):
+class TimeVaryingArma(excitation.Disturbance):
     """Autoregressive moving average whose coefficients depend on time; zero before the record."""
 
-    std: Size  # Standard deviation of the shocks w, in the unit of the equation
+    std: excitation.Size  # Standard deviation of the shocks w, in the unit of the equation
     # Of a_1, a_2, ... and b_1, b_2, ...
     autoregression: tuple[CoefficientCourse, ...] = ()
     moving_average: tuple[CoefficientCourse, ...] = ()
 
     def __post_init__(self) -> None:
-        Disturbance.__post_init__(self)
+        excitation.Disturbance.__post_init__(self)
         courses = self._coefficients(self.autoregression, CHECKED)
-        root = max((largest_root(row) for row in courses), default=0.0)
+        root = max((excitation.largest_root(row) for row in courses), default=0.0)
         expected = "an autoregression that is stationary at every time of the record"
         received = f"one whose slowest mode is multiplied by up to {root:.4g} each step"
         require(root < 1.0, expected, received, "Make the means or amplitudes smaller.")
@@ -109,7 +98,7 @@ class TimeVaryingArma(Disturbance):
         driven = shocks.copy()
         for lag, course in enumerate(self.moving_average[: count - 1], start=1):
             driven[lag:] += course.values(count)[lag:] * shocks[:-lag]
-        return self.std * autoregression(driven, self._coefficients(self.autoregression, count))
+        return self.std * excitation.autoregression(driven, self._coefficients(self.autoregression, count))
 
     @staticmethod
     def _coefficients(courses: tuple[CoefficientCourse, ...], count: int) -> Float[np.ndarray, "count lags"]:
@@ -117,17 +106,17 @@ class TimeVaryingArma(Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class RandomCoefficientMovingAverage(Disturbance):
+class RandomCoefficientMovingAverage(excitation.Disturbance):
     """x[k] = sum_j c_j(k) w[k-j], j = 1, 2, ..., with coefficients drawn anew at each sample."""
 
     # Of the normal coefficients c_1, c_2, ... (the paper's: 0 and 3, 1 and 1)
     means: Annotated[tuple[float, ...], given, (finite, "mean of a coefficient")] = (0.0, 3.0)
     stds: Annotated[tuple[float, ...], (non_negative, "std of a coefficient")] = (1.0, 1.0)
-    std: Size = 1.0  # Standard deviation of w, in the unit of the equation
+    std: excitation.Size = 1.0  # Standard deviation of w, in the unit of the equation
 
     def __post_init__(self) -> None:
-        Disturbance.__post_init__(self)
-        equally_many("means", self.means, "stds", self.stds)
+        excitation.Disturbance.__post_init__(self)
+        excitation.equally_many("means", self.means, "stds", self.stds)
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         order = len(self.means)
@@ -139,7 +128,7 @@ class RandomCoefficientMovingAverage(Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class Trend(Disturbance):
+class Trend(excitation.Disturbance):
     """Polynomial of the time in the record, counted from -1 at its first sample to 1 at its last."""
 
     # Of the powers 0, 1, ..., in the unit of the equation
@@ -150,7 +139,7 @@ class Trend(Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class Sinusoids(Disturbance):
+class Sinusoids(excitation.Disturbance):
     """sum_i amplitude_i sin(frequency_i t + phase_i)."""
 
     amplitudes: Annotated[tuple[float, ...], given, (finite, "amplitude")]  # In the unit of the equation
@@ -159,10 +148,10 @@ class Sinusoids(Disturbance):
     phases: Annotated[tuple[float, ...], (finite, "phase")] = ()
 
     def __post_init__(self) -> None:
-        Disturbance.__post_init__(self)
-        equally_many("amplitudes", self.amplitudes, "frequencies", self.frequencies)
+        excitation.Disturbance.__post_init__(self)
+        excitation.equally_many("amplitudes", self.amplitudes, "frequencies", self.frequencies)
         if self.phases:
-            equally_many("amplitudes", self.amplitudes, "phases", self.phases)
+            excitation.equally_many("amplitudes", self.amplitudes, "phases", self.phases)
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         t = step_s * np.arange(count)
@@ -172,20 +161,20 @@ class Sinusoids(Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class BoundedAdversary(Disturbance):
+class BoundedAdversary(excitation.Disturbance):
     """Unknown but bounded: always at one bound or the other, which is all that is known of it.
 
     It switches with a period that shrinks geometrically over the record, so that no frequency band is spared,
     and it need not have mean zero.
     """
 
-    bound: Size  # Largest absolute value, in the unit of the equation
-    longest_s: Positive  # Period at the beginning and at the end of the record [s]
-    shortest_s: Positive
+    bound: excitation.Size  # Largest absolute value, in the unit of the equation
+    longest_s: excitation.Positive  # Period at the beginning and at the end of the record [s]
+    shortest_s: excitation.Positive
     high_share: float = 0.5  # Share of each period that is spent at the upper bound, from 0 to 1
 
     def __post_init__(self) -> None:
-        Disturbance.__post_init__(self)
+        excitation.Disturbance.__post_init__(self)
         received = f"shortest_s={self.shortest_s}, longest_s={self.longest_s}"
         require(self.shortest_s <= self.longest_s, "a shortest_s up to longest_s", received)
         require(0.0 <= self.high_share <= 1.0, "a high_share from 0 to 1", f"high_share={self.high_share}")
@@ -198,7 +187,7 @@ class BoundedAdversary(Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class GivenDisturbance(GivenSeries, Disturbance):
+class GivenDisturbance(excitation.GivenSeries, excitation.Disturbance):
     """A user's own series, from its beginning."""
 
     # At the rate of the record, in the unit of the equation; at least as many as it has samples
@@ -206,10 +195,10 @@ class GivenDisturbance(GivenSeries, Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class SumOfDisturbances(Disturbance):
+class SumOfDisturbances(excitation.Disturbance):
     """Several independent disturbances at once."""
 
-    parts: Annotated[tuple[Disturbance, ...], given]  # Each draws from a stream of its own
+    parts: Annotated[tuple[excitation.Disturbance, ...], given]  # Each draws from a stream of its own
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         drawn = zip(self.parts, rng.spawn(len(self.parts)), strict=True)
@@ -231,11 +220,11 @@ def paper_disturbance(std: float = 1.0) -> SumOfDisturbances:
 
 
 @dataclass(frozen=True, slots=True)
-class OrnsteinUhlenbeck(Disturbance):
+class OrnsteinUhlenbeck(excitation.Disturbance):
     """Normal series whose correlation falls exponentially; the longitudinal turbulence of MIL-F-8785C."""
 
-    std: Size  # Standard deviation, in the unit of what it disturbs
-    correlation_s: Positive  # Time in which the correlation falls to 1/e [s]
+    std: excitation.Size  # Standard deviation, in the unit of what it disturbs
+    correlation_s: excitation.Positive  # Time in which the correlation falls to 1/e [s]
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         known = {"step_s": step_s, "rms": self.std, "correlation_s": self.correlation_s}
@@ -243,7 +232,7 @@ class OrnsteinUhlenbeck(Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class ThresholdMovingAverage(Disturbance):
+class ThresholdMovingAverage(excitation.Disturbance):
     """Self-exciting threshold moving average: x[k] = w[k] + sum_j b_j w[k-j], b by where x[k-delay] lies.
 
     Stationary for all coefficients. One step at a time: about 1 ms for 4000 samples.
@@ -254,19 +243,21 @@ class ThresholdMovingAverage(Disturbance):
     # b_1, b_2, ... of each regime, from the lowest to the highest: one more than thresholds
     coefficients: tuple[tuple[float, ...], ...]
     delay: int = 1  # Samples back to the value that chooses the regime, one or more
-    std: Size = 1.0  # Standard deviation of the shocks w, in the unit of the equation
+    std: excitation.Size = 1.0  # Standard deviation of the shocks w, in the unit of the equation
 
     def __post_init__(self) -> None:
-        Disturbance.__post_init__(self)
+        excitation.Disturbance.__post_init__(self)
         ascending = all(a < b for a, b in zip(self.thresholds, self.thresholds[1:], strict=False))
         require(ascending, "ascending thresholds", f"thresholds={self.thresholds}")
         expected = f"coefficients of {len(self.thresholds) + 1} regimes, one more than thresholds"
         received = f"those of {len(self.coefficients)}"
         require(len(self.coefficients) == len(self.thresholds) + 1, expected, received)
         for regime in self.coefficients:
-            equally_many("coefficients of the first regime", self.coefficients[0], "of another one", regime)
+            excitation.equally_many(
+                "coefficients of the first regime", self.coefficients[0], "of another one", regime
+            )
             finite("coefficient", *regime)
-        at_least("delay", self.delay, 1)
+        excitation.at_least("delay", self.delay, 1)
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation, after as many unused samples as regime and shocks reach back, tenfold."""
@@ -288,30 +279,30 @@ class ThresholdMovingAverage(Disturbance):
 class BilinearTerm:
     """b x[k - series_lag] w[k - shock_lag]."""
 
-    coefficient: Finite
+    coefficient: excitation.Finite
     series_lag: int = 2
     shock_lag: int = 1
 
     def __post_init__(self) -> None:
         in_ranges(self)
-        at_least("shock_lag", self.shock_lag, 1)
+        excitation.at_least("shock_lag", self.shock_lag, 1)
         expected = "a series_lag above shock_lag, so that the two factors are independent"
         received = f"series_lag={self.series_lag}, shock_lag={self.shock_lag}"
         require(self.series_lag > self.shock_lag, expected, received)
 
 
 @dataclass(frozen=True, slots=True)
-class Bilinear(Disturbance):
+class Bilinear(excitation.Disturbance):
     """Strongly subdiagonal bilinear of several terms: x[k] = w[k] + sum_m b_m x[k - i_m] w[k - j_m].
 
     Uncorrelated, but not independent: its extremes come from its own past.
     """
 
     terms: Annotated[tuple[BilinearTerm, ...], given]  # One or more
-    std: Size = 1.0  # Standard deviation of the shocks w, in the unit of the equation
+    std: excitation.Size = 1.0  # Standard deviation of the shocks w, in the unit of the equation
 
     def __post_init__(self) -> None:
-        Disturbance.__post_init__(self)
+        excitation.Disturbance.__post_init__(self)
         expected = "std times the sum of the coefficients' sizes below one, so that the series is stationary"
         require(self._growth < 1.0, expected, f"{self._growth**0.5:.4g}", "Make some of them smaller.")
 
@@ -325,7 +316,7 @@ class Bilinear(Disturbance):
         for term in self.terms:
             earlier = term.coefficient * shocks[: shocks.size - term.shock_lag]
             coefficients[term.shock_lag :, term.series_lag - 1] += earlier
-        return autoregression(shocks, coefficients)[unused:]
+        return excitation.autoregression(shocks, coefficients)[unused:]
 
     @property
     def _growth(self) -> float:
@@ -334,10 +325,10 @@ class Bilinear(Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class Garch(Disturbance):
+class Garch(excitation.Disturbance):
     """x[k] = sqrt(h[k]) w[k], h[k] = floor + sum_i a_i x[k-i]^2 + sum_j b_j h[k-j]; ARCH without b."""
 
-    floor: Positive  # Constant part of the variance, above zero, in the square of the equation's unit
+    floor: excitation.Positive  # Constant part of the variance, in the square of the equation's unit
     # a_1, a_2, ..., zero or more
     shocks: Annotated[tuple[float, ...], (non_negative, "coefficient of shocks")]
     # b_1, b_2, ..., zero or more
@@ -346,7 +337,7 @@ class Garch(Disturbance):
     largest_square: float | None = None
 
     def __post_init__(self) -> None:
-        Disturbance.__post_init__(self)
+        excitation.Disturbance.__post_init__(self)
         if self.largest_square is not None:
             positive("largest_square", self.largest_square)
         total = sum(self.shocks) + sum(self.persistence)
@@ -374,7 +365,7 @@ class Garch(Disturbance):
         for i, (a, b) in enumerate(both, start=1):
             coefficients[i:, i - 1] = a * white_squares[: max(count - i, 0)] + b
             driven[:i] += (a + b) * self._unlimited
-        return autoregression(driven, coefficients)
+        return excitation.autoregression(driven, coefficients)
 
     def _limited(self, white: Float[np.ndarray, " count"], limit: float) -> Float[np.ndarray, " count"]:
         squares = [min(self._unlimited, limit)] * len(self.shocks)
@@ -391,15 +382,15 @@ class Garch(Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class VarianceSwitch(Disturbance):
+class VarianceSwitch(excitation.Disturbance):
     """Another disturbance whose variance is multiplied from some time of the record on."""
 
-    series: Disturbance  # What it is before
-    factor: Size = 10.0  # Of the variance, afterwards
-    at: Finite = 0.5  # When, as a share of the record, from 0 to 1
+    series: excitation.Disturbance  # What it is before
+    factor: excitation.Size = 10.0  # Of the variance, afterwards
+    at: excitation.Finite = 0.5  # When, as a share of the record, from 0 to 1
 
     def __post_init__(self) -> None:
-        Disturbance.__post_init__(self)
+        excitation.Disturbance.__post_init__(self)
         require(0.0 <= self.at <= 1.0, "a share of the record from 0 to 1", f"at={self.at}")
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:

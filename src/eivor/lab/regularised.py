@@ -11,17 +11,8 @@ from eivor import checks
 from eivor.errors import EstimationError, NonFiniteError, ShapeError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, Method, Problem, check_method
+from eivor.linalg import total_least_squares as tls
 from eivor.linalg.system import LinearSystem, Shrinkage, Solution, Solver, triangular_root
-from eivor.linalg.total_least_squares import (
-    ErrorsInColumns,
-    GeneralizedTotalLeastSquares,
-    UnweightedLeastSquares,
-    balanced,
-    column_lengths,
-    smallest_singular_value,
-    solve_augmented,
-    split_problem,
-)
 from eivor.tools import Float
 
 #: Decades of the parameter that cross-validation tries, and points in each; zero is tried as well.
@@ -48,9 +39,9 @@ class ReducedProblem:
     def solution(self, parameter: float) -> Float[np.ndarray, " n"]:
         """Theta of the shifted system."""
         a = parameter * self.unit
-        upper = balanced(self.R, self.shift - a)
+        upper = tls.balanced(self.R, self.shift - a)
         below = -(a / upper) * self.towards
-        return solve_augmented(self.R, self.right, upper, (self.shift - a) / upper, below=below)
+        return tls.solve_augmented(self.R, self.right, upper, (self.shift - a) / upper, below=below)
 
     def kept(self, parameters: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Number of parameters that are left, of n."""
@@ -121,9 +112,9 @@ class RegularisedLeastSquares(Solver):
 
     def solve(self, system: LinearSystem) -> Solution:
         n = system.matrix.shape[1]
-        scale = column_lengths(system.matrix)
+        scale = tls.column_lengths(system.matrix)
         root = triangular_root(np.column_stack([system.matrix / scale, system.right]))
-        _, condition = smallest_singular_value(root[:n, :n])
+        _, condition = tls.smallest_singular_value(root[:n, :n])
         outside = float(root[n, n] ** 2) if root.shape[0] > n else 0.0
         towards = self.scheme.vector(n) * scale
         problem = ReducedProblem(root[:n, :n], root[:n, -1], outside, 0.0, towards, system.equations, 0.0)
@@ -133,13 +124,13 @@ class RegularisedLeastSquares(Solver):
 
 
 @dataclass(frozen=True)
-class RegularisedTotalLeastSquares(ErrorsInColumns):
+class RegularisedTotalLeastSquares(tls.ErrorsInColumns):
     """Generalized total least squares with the shift a taken off sigma^2, sigma = sigma_min([A b])."""
 
     scheme: Tikhonov = Tikhonov()  # Parameter and vector
 
     def solve(self, system: LinearSystem) -> Solution:
-        split = split_problem(system)
+        split = tls.split_problem(system)
         if not split.noisy.size:
             return split.solution(split.theta(np.empty(0)))
         towards = split.whitened(self.scheme.vector(system.matrix.shape[1]))
@@ -205,9 +196,9 @@ def regularised(
 
 def _shrunk(method: LinearMethod, scheme: Tikhonov) -> LinearMethod:
     solver: RegularisedLeastSquares | RegularisedTotalLeastSquares
-    if isinstance(method.solver, UnweightedLeastSquares):
+    if isinstance(method.solver, tls.UnweightedLeastSquares):
         solver = RegularisedLeastSquares(scheme)
-    elif isinstance(method.solver, GeneralizedTotalLeastSquares):
+    elif isinstance(method.solver, tls.GeneralizedTotalLeastSquares):
         solver = RegularisedTotalLeastSquares(scheme)
     else:
         expected = "a method that is solved by least squares or total least squares"

@@ -20,14 +20,7 @@ from eivor.lab import disturbances
 from eivor.lab.experiments import INPUT, OUTPUT, DifferenceEquation, Experiment, VerticalExperiment
 from eivor.lab.records import ABOUT_HOVER, NOISY_CHANNELS, Scenario
 from eivor.lab.study import MethodChoice, Study
-from eivor.signals.noise import (
-    AutoregressiveNoise,
-    FractionalNoise,
-    HeavyTailedNoise,
-    MeasurementNoise,
-    RoundingNoise,
-    WhiteNoise,
-)
+from eivor.signals import noise as noise_types
 from eivor.simulation import excitation
 from eivor.simulation.environment import SensorNoise
 from eivor.simulation.rigid_body import RigidBodyFlightSpec
@@ -37,11 +30,11 @@ from eivor.strict_toml import TomlTable, read_toml
 Maker = Callable[..., Any]
 
 NOISES: Mapping[str, Maker] = {
-    "white": WhiteNoise,
-    "fractional": FractionalNoise,
-    "autoregressive": AutoregressiveNoise,
-    "heavy_tailed": HeavyTailedNoise,
-    "rounding": RoundingNoise,
+    "white": noise_types.WhiteNoise,
+    "fractional": noise_types.FractionalNoise,
+    "autoregressive": noise_types.AutoregressiveNoise,
+    "heavy_tailed": noise_types.HeavyTailedNoise,
+    "rounding": noise_types.RoundingNoise,
 }
 DISTURBANCES: Mapping[str, Maker] = {
     "paper": disturbances.paper_disturbance,
@@ -75,7 +68,7 @@ EXCITATIONS: Mapping[str, Maker] = {
 }
 #: Kinds by the abstract class that a parameter asks for.
 KINDS: Mapping[type, Mapping[str, Maker]] = {
-    MeasurementNoise: NOISES,
+    noise_types.MeasurementNoise: NOISES,
     excitation.Disturbance: DISTURBANCES,
     excitation.Excitation: EXCITATIONS,
 }
@@ -214,9 +207,9 @@ RATIO = "ratio_to_signal"
 
 def noises(
     table: TomlTable, channels: tuple[str, ...]
-) -> tuple[dict[str, MeasurementNoise], dict[str, float]]:
+) -> tuple[dict[str, noise_types.MeasurementNoise], dict[str, float]]:
     """Noise of each channel, and the ratio of those that are measured by their signal."""
-    noise: dict[str, MeasurementNoise] = {}
+    noise: dict[str, noise_types.MeasurementNoise] = {}
     ratios: dict[str, float] = {}
     if "noise" not in table.values:
         return noise, ratios
@@ -234,7 +227,7 @@ def noises(
             raise section.wrong("", f"std or {RATIO}", given, "Give one of them.")
         # The std of a ratio follows from the signal; until then any will do.
         std = {} if ratio is None else {"std": 1.0}
-        noise[name] = of_kind(section, MeasurementNoise, RATIO, **std)
+        noise[name] = of_kind(section, noise_types.MeasurementNoise, RATIO, **std)
         ratios |= {} if ratio is None else {name: ratio}
     return noise, ratios
 

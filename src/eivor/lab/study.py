@@ -20,16 +20,7 @@ from typing import Any, cast
 import numpy as np
 import polars as pl
 
-from eivor import checks
-from eivor.atomic_file import (
-    GROUP_ROWS,
-    is_sealed,
-    parquet_bytes,
-    remove_abandoned,
-    report_system_errors,
-    sealed,
-    write_atomically,
-)
+from eivor import atomic_file, checks
 from eivor.errors import EivorError, InputError, UsageError
 from eivor.estimation import methods
 from eivor.estimation.linear import SAME_COLUMN, LinearMethod, Method
@@ -453,7 +444,7 @@ IDENTITY_FILE = "study.json"
 TABLE_FILE = "trials.parquet"
 
 #: The system's error for a file of a study's folder, as one of Eivor's.
-report_study_errors = partial(report_system_errors, of="study", kept="Trials that were complete")
+report_study_errors = partial(atomic_file.report_system_errors, of="study", kept="Trials that were complete")
 
 
 @dataclass(frozen=True, slots=True)
@@ -477,7 +468,7 @@ class TrialShards:
     def _whole(self, number: int) -> bool:
         """Whether a shard's file holds its trials, to the bit."""
         try:
-            return is_sealed(self.path(number).read_bytes(), self._facts(number))
+            return atomic_file.is_sealed(self.path(number).read_bytes(), self._facts(number))
         except OSError:
             return False
 
@@ -487,7 +478,7 @@ class TrialShards:
 
     def _read(self, number: int) -> pl.DataFrame:
         content = self.path(number).read_bytes()
-        if not is_sealed(content, self._facts(number)):
+        if not atomic_file.is_sealed(content, self._facts(number)):
             remedy = "Something has changed it meanwhile: run the same again, and it is computed anew."
             raise InputError(f"'{self.path(number)}' as it was written", "other bytes", remedy)
         return pl.read_parquet(io.BytesIO(content))
@@ -495,19 +486,19 @@ class TrialShards:
     def write(self, number: int, trials: Sequence[Row]) -> None:
         table = pl.DataFrame(trials, schema=schema(self.study))
         with report_study_errors(self.folder):
-            write_atomically(self.path(number), sealed(table, self._facts(number)))
+            atomic_file.write_atomically(self.path(number), atomic_file.sealed(table, self._facts(number)))
 
     def consolidate(self) -> pl.DataFrame:
         """Make the table of all trials from the shards."""
         with report_study_errors(self.folder):
             # In two steps: thousands of small tables at once take many times the memory of one large one.
             groups = []
-            together = GROUP_ROWS // self.study.shard_trials  # a row group's
+            together = atomic_file.GROUP_ROWS // self.study.shard_trials  # a row group's
             for start in range(0, self.count, together):
                 numbers = range(start, min(self.count, start + together))
                 groups.append(pl.concat([self._read(number) for number in numbers], rechunk=True))
             table = pl.concat(groups, rechunk=True)
-            write_atomically(self.folder / TABLE_FILE, parquet_bytes(table))
+            atomic_file.write_atomically(self.folder / TABLE_FILE, atomic_file.parquet_bytes(table))
         return table
 
 
@@ -525,7 +516,7 @@ def open_folder(study: Study, folder: Path) -> TrialShards:
             raise UsageError("a folder for the study", f"the file '{folder}'", "Choose another.")
         shards.path(0).parent.mkdir(parents=True, exist_ok=True)
         for item in (folder, shards.path(0).parent):
-            remove_abandoned(item)
+            atomic_file.remove_abandoned(item)
         document = {
             "name": study.name,
             "identity": study.identity,
@@ -538,7 +529,9 @@ def open_folder(study: Study, folder: Path) -> TrialShards:
             _check_same(shards, document, before)
             document["versions"] = before["versions"]  # those that computed the trials, whoever looks at them
         if document != before:
-            write_atomically(folder / IDENTITY_FILE, (json.dumps(document, indent=2) + "\n").encode())
+            atomic_file.write_atomically(
+                folder / IDENTITY_FILE, (json.dumps(document, indent=2) + "\n").encode()
+            )
     return shards
 
 

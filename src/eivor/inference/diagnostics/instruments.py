@@ -9,19 +9,7 @@ import numpy as np
 import scipy
 
 from eivor.inference.covariance import cosine_averages, unit_scale
-from eivor.inference.diagnostics.record import (
-    SIGNIFICANT,
-    Diagnostic,
-    EquationProducts,
-    Row,
-    Subject,
-    covariance_of_total,
-    hotelling_p_value,
-    joint_averages,
-    outcome_word,
-    partial_directions,
-    quadratic_form,
-)
+from eivor.inference.diagnostics import record
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.verdict import Reason, Status
 from eivor.tools import Float
@@ -33,7 +21,7 @@ NOTABLE_BIAS = 0.5
 
 
 @dataclass(frozen=True)
-class Endogeneity(Diagnostic):
+class Endogeneity(record.Diagnostic):
     """Least squares, or another direct estimate, against the estimate."""
 
     difference: Float[np.ndarray, " n"]  # Estimate minus least squares, to first order
@@ -47,15 +35,15 @@ class Endogeneity(Diagnostic):
 
     def notable(self, bias: float) -> bool:
         """Whether a bias of least squares, in standard errors of the estimate, is worth a word."""
-        return bool(self.p_value < SIGNIFICANT and abs(bias) > NOTABLE_BIAS)
+        return bool(self.p_value < record.SIGNIFICANT and abs(bias) > NOTABLE_BIAS)
 
-    def rows(self, of: Subject, /) -> Iterator[Row]:
+    def rows(self, of: record.Subject, /) -> Iterator[record.Row]:
         line = f"endogeneity          {self.statistic:>10.4g}  p-value {self.p_value:.3g}"
-        yield Row("endogeneity", "", self.statistic, self.p_value, line)
+        yield record.Row("endogeneity", "", self.statistic, self.p_value, line)
         for name, value in zip(of.names, self.difference, strict=True):
-            yield Row("less_least_squares", name, float(value), None)
+            yield record.Row("less_least_squares", name, float(value), None)
 
-    def reasons(self, of: Subject, /) -> Iterator[Reason]:
+    def reasons(self, of: record.Subject, /) -> Iterator[Reason]:
         separated = -self.difference / of.std_errors
         j = int(np.argmax(np.abs(separated)))
         if self.notable(separated[j]):
@@ -78,7 +66,7 @@ class DirectScores:
 
 
 def endogeneity(
-    products: EquationProducts, weights: Float[np.ndarray, "p n"], direct: DirectScores | None = None
+    products: record.EquationProducts, weights: Float[np.ndarray, "p n"], direct: DirectScores | None = None
 ) -> Endogeneity | None:
     """Test of a direct estimate, by default of least squares, against an instrumental one; no checks."""
     GG = products.count * products.regressor_mean
@@ -108,19 +96,19 @@ def endogeneity(
     degrees = U.shape[1]
     if not degrees:
         return None
-    B = joint_averages(degrees, products.counts.size)
+    B = record.joint_averages(degrees, products.counts.size)
     h = h @ U
     total = h.sum(axis=0)
-    statistic = quadratic_form(total, covariance_of_total(h, B))
+    statistic = record.quadratic_form(total, record.covariance_of_total(h, B))
     rows = products.rows
-    durbin = quadratic_form(total, float(power.sum()) / rows * (U.T @ spread @ U))
+    durbin = record.quadratic_form(total, float(power.sum()) / rows * (U.T @ spread @ U))
     freedom = rows - gamma.size - degrees
     wu = durbin / (rows - durbin) * freedom / degrees if durbin < rows else float("inf")
     return Endogeneity(
         -scale * gamma,
         degrees,
         statistic,
-        hotelling_p_value(statistic, degrees, B),
+        record.hotelling_p_value(statistic, degrees, B),
         durbin,
         chi_square_tail(durbin, degrees),
         wu,
@@ -129,7 +117,7 @@ def endogeneity(
 
 
 @dataclass(frozen=True)
-class OverIdentification(Diagnostic):
+class OverIdentification(record.Diagnostic):
     """Hansen's J."""
 
     J: float
@@ -138,15 +126,15 @@ class OverIdentification(Diagnostic):
 
     @property
     def outcome(self) -> str:
-        return outcome_word(self.p_value, ("agree", "may disagree", "disagree"))
+        return record.outcome_word(self.p_value, ("agree", "may disagree", "disagree"))
 
-    def rows(self, _of: Subject, /) -> Iterator[Row]:
+    def rows(self, _of: record.Subject, /) -> Iterator[record.Row]:
         on = f"Hansen's J on {self.degrees:.3g} degrees, p-value {self.p_value:.3g}"
         line = f"over-identification  {self.J:>10.4g}  {on}"
-        yield Row("over_identification_J", "", self.J, self.p_value, line)
+        yield record.Row("over_identification_J", "", self.J, self.p_value, line)
 
-    def reasons(self, _of: Subject, /) -> Iterator[Reason]:
-        if self.p_value < SIGNIFICANT:
+    def reasons(self, _of: record.Subject, /) -> Iterator[Reason]:
+        if self.p_value < record.SIGNIFICANT:
             yield Reason(
                 Status.WEAK,
                 f"The instruments {self.outcome} about the parameters (J {self.J:.3g} on {self.degrees:.3g} "
@@ -172,16 +160,16 @@ def hansen_j(
         return OverIdentification(0.0, 0, 1.0)
     left = free.T @ (scale * equations)
     S = free.T @ (np.outer(scale, scale) * covariance) @ free
-    J = count * quadratic_form(left, S)
-    return OverIdentification(J, degrees, hotelling_p_value(J, degrees, averages))
+    J = count * record.quadratic_form(left, S)
+    return OverIdentification(J, degrees, record.hotelling_p_value(J, degrees, averages))
 
 
-def robust_over_identification(products: EquationProducts) -> OverIdentification:
+def robust_over_identification(products: record.EquationProducts) -> OverIdentification:
     """J with a weight that allows for autocorrelation, from the products at an estimate."""
     T, sums = products.whitening, products.equation_sums
     degrees = max(T.shape[1] - products.sensitivity.shape[1], 0)
-    B = joint_averages(degrees, products.counts.size)
-    S = covariance_of_total(sums @ T, B) / products.count
+    B = record.joint_averages(degrees, products.counts.size)
+    S = record.covariance_of_total(sums @ T, B) / products.count
     mean = T.T @ (sums.sum(axis=0) / products.count)
     return hansen_j(mean, T.T @ products.sensitivity, S, products.count, B)
 
@@ -196,7 +184,7 @@ UNEXPLAINED = 1e-10
 
 
 @dataclass(frozen=True)
-class FirstStageTest(Diagnostic):
+class FirstStageTest(record.Diagnostic):
     """Strength of instruments."""
 
     conditional: Float[np.ndarray, " n"]
@@ -208,22 +196,22 @@ class FirstStageTest(Diagnostic):
     smallest_eigenvalue: float
     smallest_critical: float
 
-    def rows(self, of: Subject, /) -> Iterator[Row]:
+    def rows(self, of: record.Subject, /) -> Iterator[record.Row]:
         for j, name in enumerate(of.names):
             F, effective, critical = (
                 float(values[j]) for values in (self.conditional, self.effective, self.critical)
             )
             line = f"first-stage F        {F:>10.4g}  {name} (needed: {STRONG_FIRST_STAGE:.0f})"
-            yield Row("first_stage_F", name, F, STRONG_FIRST_STAGE, line)
+            yield record.Row("first_stage_F", name, F, STRONG_FIRST_STAGE, line)
             line = f"effective F          {effective:>10.4g}  {name} (needed: {critical:.3g})"
-            yield Row("effective_F", name, effective, critical, line)
-            yield Row("shea_r_squared", name, float(self.shea_r_squared[j]), None)
+            yield record.Row("effective_F", name, effective, critical, line)
+            yield record.Row("shea_r_squared", name, float(self.shea_r_squared[j]), None)
         least, needed = self.smallest_eigenvalue, self.smallest_critical
         line = f"smallest eigenvalue  {least:>10.4g}  needed: {needed:.3g}"
-        yield Row("smallest_eigenvalue", "", least, needed, line)
-        yield Row("cragg_donald", "", self.cragg_donald, None)
+        yield record.Row("smallest_eigenvalue", "", least, needed, line)
+        yield record.Row("cragg_donald", "", self.cragg_donald, None)
 
-    def reasons(self, of: Subject, /) -> Iterator[Reason]:
+    def reasons(self, of: record.Subject, /) -> Iterator[Reason]:
         remedy = "Use stronger or more recent instruments, a longer record, or an input that moves more."
         needed = np.where(np.isfinite(self.critical), self.critical, STRONG_FIRST_STAGE)
         weak = np.flatnonzero(self.effective < needed)
@@ -245,7 +233,7 @@ class FirstStageTest(Diagnostic):
 
 
 def strength(
-    products: EquationProducts, conditional: Float[np.ndarray, " n"] | None = None
+    products: record.EquationProducts, conditional: Float[np.ndarray, " n"] | None = None
 ) -> FirstStageTest:
     """Strength of the instruments behind time products. Performs no checks."""
     T = products.whitening
@@ -257,7 +245,7 @@ def strength(
     if rank < count:  # some combination of the columns is not moved at all
         nothing, unknown = np.zeros(count), np.full(count, np.nan)
         return FirstStageTest(nothing, nothing, unknown, nothing, nothing, 0.0, 0.0, float("nan"))
-    B = joint_averages(rank, products.counts.size)
+    B = record.joint_averages(rank, products.counts.size)
     # psi (phi - a' T' psi)' of each block, as combinations of the columns of its products
     unexplained = np.vstack([-(T @ a), np.diag(scale), np.zeros(count)])
     scores = np.tensordot(products.sums, unexplained, 1)[:, : products.tested]
@@ -265,7 +253,7 @@ def strength(
     L = T.T @ cosine_averages(scores, B) / np.sqrt(B * products.count)
     cross = a.T @ shared
     residual = R - a.T @ a - cross - cross.T
-    directions = partial_directions(a)
+    directions = record.partial_directions(a)
     explained = ((a @ directions.T) ** 2).sum(axis=0)
     total, unexplained = (((directions @ item) * directions).sum(axis=1) for item in (R, residual))
     tested = unexplained > UNEXPLAINED
