@@ -14,21 +14,9 @@ import scipy
 
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
-from eivor.estimation.moments import (
-    Assembler,
-    CrossMoments,
-    FittedNoise,
-    Moments,
-    filtered_instruments,
-    lags_without_gaps,
-)
+from eivor.estimation import moments as equations
 from eivor.estimation.variable_projection import NuisanceProfile
-from eivor.inference.covariance import (
-    DEFAULT,
-    CovarianceEstimator,
-    JointCovariance,
-    check_covariance_estimator,
-)
+from eivor.inference import covariance as cov
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis
 from eivor.inference.distributions import chi_square_tail
@@ -44,7 +32,6 @@ from eivor.tools import Float, html_table
 if TYPE_CHECKING:
     import polars as pl
 from eivor.inference.confidence_set import ConfidenceSet, gradient_of, principal_axes, profile_interval
-from eivor.inference.covariance import CovariancePart, JointEstimate, Vector
 from eivor.inference.regions import fieller_set
 
 Blocks = Callable[[], Iterable[RowBlock]]
@@ -54,9 +41,9 @@ Blocks = Callable[[], Iterable[RowBlock]]
 class Estimate:
     """Named parameters with units, intervals, and all that inference needs to know of them."""
 
-    assembler: Assembler
+    assembler: equations.Assembler
     solver: linalg.Solver
-    moments: Moments
+    moments: equations.Moments
     problem: LinearProblem | None  # None of an estimate from moments
     system: linalg.LinearSystem  # Equations before their weighting
     factor: Float[np.ndarray, "p p"] | None  # Factor L of the equations' weighting
@@ -67,15 +54,17 @@ class Estimate:
     doubts: Callable[[Estimate], tuple[Reason, ...]] | None = (
         None  # Those that are sought when they are asked for
     )
-    noises: tuple[FittedNoise, ...] = ()  # Fitted together with the parameters, by a spectral method
+    noises: tuple[
+        equations.FittedNoise, ...
+    ] = ()  # Fitted together with the parameters, by a spectral method
     nuisance_columns: Float[np.ndarray, "rows q"] = field(default_factory=lambda: np.empty((0, 0)))
     known: Float[np.ndarray, "k q"] = field(default_factory=lambda: np.empty((0, 0)))  # See `prior_rows`
     misfits: tuple[float, ...] = ()
     nuisances: Mapping[str, float] = field(default_factory=dict)  # Value of every nuisance
     profiles: tuple[NuisanceProfile, ...] = ()  # One for each continuous nuisance that was searched for
-    covariance_estimator: CovarianceEstimator = DEFAULT
+    covariance_estimator: cov.CovarianceEstimator = cov.DEFAULT
     #: Covariance made elsewhere: by a second pass over chunks, for an estimate from moments; or by a pool.
-    streamed_covariance: JointCovariance | None = field(default=None, repr=False)
+    streamed_covariance: cov.JointCovariance | None = field(default=None, repr=False)
     #: What it is compared by in place of its own criterion: a pool's, or a likelihood's.
     flight_criterion: float | None = None
     #: What a finer discretisation would change of the joint vector.
@@ -119,7 +108,7 @@ class Estimate:
     @property
     def constant(self) -> Float[np.ndarray, " p"]:
         """C theta - c, what measurement noises add to each of the method's products on average."""
-        if not isinstance(self.moments, CrossMoments):
+        if not isinstance(self.moments, equations.CrossMoments):
             return np.zeros(self.theta.size)
         return self.moments.shared_noise(self.theta)
 
@@ -275,7 +264,7 @@ class Estimate:
         return self.has_rows or self.streamed_covariance is not None
 
     @cached_property
-    def joint_covariance(self) -> JointCovariance:
+    def joint_covariance(self) -> cov.JointCovariance:
         """Of the joint vector; an `EstimationError` for moments over whose chunks no second pass was made."""
         if self.streamed_covariance is not None:
             return self.streamed_covariance
@@ -328,9 +317,9 @@ class Estimate:
         """Unit vector of a parameter; a `UsageError`, here and below, when there is none of that name."""
         return np.eye(len(self.names))[checks.index_of("a parameter", name, self.names)]
 
-    def with_covariance(self, estimator: CovarianceEstimator) -> Estimate:
+    def with_covariance(self, estimator: cov.CovarianceEstimator) -> Estimate:
         """Same estimates, with intervals from another covariance; an `EstimationError` without the rows."""
-        check_covariance_estimator(estimator)
+        cov.check_covariance_estimator(estimator)
         if not self.has_rows:
             expected = "an estimate with its rows available, for another covariance"
             remedy = "Name the covariance when you identify: identify_chunks(..., covariance=...)."
@@ -490,9 +479,9 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
         """For each block, a function that makes it with combinations of test functions as instruments."""
         problem = estimate.problem
         plain = not estimate.nuisance_columns.size and assembler.needs_instruments
-        if plain and lags_without_gaps(problem):
+        if plain and equations.lags_without_gaps(problem):
             for ends in linalg.row_blocks(problem.first, problem.signals.sample_count, linalg.COPIED_ROWS):
-                yield partial(filtered_instruments, problem, combinations, *ends)
+                yield partial(equations.filtered_instruments, problem, combinations, *ends)
             return
         for block in blocks():
             # Columns stay contiguous, as those of a block are.
@@ -559,7 +548,7 @@ def over_root(rows: Float[np.ndarray, "k n"], root: Float[np.ndarray, "n n"]) ->
 LARGEST_BEND = 0.05
 
 Function = Callable[[Mapping[str, float]], float]
-OfVector = Callable[[Vector], float]
+OfVector = Callable[[cov.Vector], float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -596,12 +585,12 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
     remedy = 'Give lambda p: p["theta_1"] ** 2, for example.'
     checks.function("a function of the parameters", function, remedy)
 
-    def of_vector(values: Vector) -> float:
+    def of_vector(values: cov.Vector) -> float:
         result = function(dict(zip(estimate.names, (float(value) for value in values), strict=True)))
         checks.number("what the function gives", result)
         return float(result)
 
-    results = derived_from(of_vector, JointEstimate(estimate.values, estimate.joint_covariance), level)
+    results = derived_from(of_vector, cov.JointEstimate(estimate.values, estimate.joint_covariance), level)
     numbers = (results.value, results.std_error, *results.interval)
     if math.isnan(results.bend) or not np.isfinite(numbers).all():
         expected = "a function that is finite within the interval"
@@ -611,7 +600,7 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
 
 
 def derived_from(
-    function: OfVector, joint: JointEstimate, level: float, largest_bend: float = LARGEST_BEND
+    function: OfVector, joint: cov.JointEstimate, level: float, largest_bend: float = LARGEST_BEND
 ) -> DerivedQuantity:
     """A smooth function of a vector of estimates; its interval is a union over parts of the covariance."""
     values, covariance = joint.values, joint.covariance
@@ -668,7 +657,7 @@ def ratio(
 
 
 def _of_part(
-    function: OfVector, values: Vector, part: CovariancePart, level: float, largest_bend: float
+    function: OfVector, values: cov.Vector, part: cov.CovariancePart, level: float, largest_bend: float
 ) -> DerivedQuantity:
     t = part.half_widths(level)
     gradient = gradient_of(function, values, np.sqrt(np.diag(part.matrix)))

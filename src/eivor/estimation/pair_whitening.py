@@ -10,19 +10,8 @@ from types import EllipsisType
 import numpy as np
 
 from eivor.errors import EstimationError
+from eivor.estimation import sampled_motion as sampling
 from eivor.estimation.moments import FittedNoise
-from eivor.estimation.sampled_motion import (
-    NoiseModel,
-    NoisePrior,
-    Pair,
-    PairedEquations,
-    PairSpectrum,
-    Shapes,
-    fitted_noise,
-    fitted_noises,
-    inner,
-    prior_of,
-)
 from eivor.estimation.weighting import POWER_FLOOR, RENEWALS, RowWeighting, WhitenedRows
 from eivor.inference.diagnostics.record import orthonormal_basis
 from eivor.models.regression import Regression
@@ -66,16 +55,16 @@ class PairedBins:
             np.sin(np.pi * self.frequency_hz * self.step_s) / np.sin(np.pi * STRENGTH_AT_HZ * self.step_s)
         )
 
-    def shapes(self) -> Shapes:
+    def shapes(self) -> sampling.Shapes:
         """C of what drives, of the state, of the response, and of a disturbance: one unit of noise each."""
         entries, K = np.ones(self.frequency_hz.size), float(self.theta[self.state.index])
         moved = 2j / self.step_s * np.tan(np.pi * self.frequency_hz * self.step_s) + K
         driven = float(np.sum((self.theta * self.state.driven_density) ** 2)) * entries
         return (
-            PairSpectrum(driven + self.least, driven + self.least, driven.astype(complex)),
-            PairSpectrum(K * K * entries, np.abs(moved) ** 2, K * moved.conj()),
-            PairSpectrum(entries, 0.0 * entries, 0.0j * entries),
-            PairSpectrum(entries, entries, entries.astype(complex)),
+            sampling.PairSpectrum(driven + self.least, driven + self.least, driven.astype(complex)),
+            sampling.PairSpectrum(K * K * entries, np.abs(moved) ** 2, K * moved.conj()),
+            sampling.PairSpectrum(entries, 0.0 * entries, 0.0j * entries),
+            sampling.PairSpectrum(entries, entries, entries.astype(complex)),
         )
 
     @cached_property
@@ -84,23 +73,25 @@ class PairedBins:
         runs = self.layout.runs
         return np.concatenate([np.full(run.count, 2.0 * run.step_s / np.mean(run.taper**2)) for run in runs])
 
-    def residual(self, bins: SpectralRegression) -> Pair:
+    def residual(self, bins: SpectralRegression) -> sampling.Pair:
         """r_1 and r_2, per root of Hz."""
         result = responses(bins) - (bins.regressors @ self.theta)[:, None]
         return result.T * np.sqrt(self.density_scale)
 
     def fitted_noises(self, bins: SpectralRegression) -> tuple[FittedNoise, ...]:
         """The same with their errors; strengths are amplitude densities at `STRENGTH_AT_HZ`."""
-        return fitted_noises(*self.fitted(bins), f"per root of Hz, at {STRENGTH_AT_HZ:g} Hz")
+        return sampling.fitted_noises(*self.fitted(bins), f"per root of Hz, at {STRENGTH_AT_HZ:g} Hz")
 
-    def fitted(self, bins: SpectralRegression) -> tuple[PairedEquations, Pair, NoiseModel, NoisePrior]:
+    def fitted(
+        self, bins: SpectralRegression
+    ) -> tuple[sampling.PairedEquations, sampling.Pair, sampling.NoiseModel, sampling.NoisePrior]:
         """Residuals in order, with the noises that fit them, declared ones as they are."""
         order = np.argsort(self.frequency_hz, kind="stable")
         pairs, residual = replace(self, order=order), self.residual(bins)[:, order]
         densities = self.state.state_density, self.state.response_density
         velocity, acceleration = (None if np.isnan(density) else WhiteNoise(density) for density in densities)
-        prior = prior_of(pairs, residual, 1.0, (velocity, acceleration), disturbance_order=None)
-        return pairs, residual, fitted_noise(pairs, residual, prior.centre, prior), prior
+        prior = sampling.prior_of(pairs, residual, 1.0, (velocity, acceleration), disturbance_order=None)
+        return pairs, residual, sampling.fitted_noise(pairs, residual, prior.centre, prior), prior
 
 
 def responses(bins: SpectralRegression) -> Complex[np.ndarray, "bins 2"]:
@@ -156,13 +147,15 @@ def power_around(spectrum: Complex[np.ndarray, " bins"]) -> PerBin:
     return np.maximum(around, np.finfo(np.float64).tiny)
 
 
-def held_back(residual: Pair, C: PairSpectrum) -> PerBin:
+def held_back(residual: sampling.Pair, C: sampling.PairSpectrum) -> PerBin:
     """min(1, 12 / r^H C^-1 r)."""
-    distance = inner(residual, C.solved(residual)).real
+    distance = sampling.inner(residual, C.solved(residual)).real
     return np.minimum(1.0, FAR / np.maximum(distance, 1e-300))
 
 
-def corrected_spectrum(model: PairSpectrum, residual: Pair, leverage: PerBin) -> PairSpectrum:
+def corrected_spectrum(
+    model: sampling.PairSpectrum, residual: sampling.Pair, leverage: PerBin
+) -> sampling.PairSpectrum:
     """Spectrum of the residuals, the model corrected by their own periodogram."""
     lost = np.sqrt(1.0 - np.minimum(leverage, LARGEST_LEVERAGE) / 4.0)
     white = model.whitened(residual) / lost
@@ -179,11 +172,11 @@ def corrected_spectrum(model: PairSpectrum, residual: Pair, leverage: PerBin) ->
 
 
 def recoloured(
-    model: PairSpectrum,
-    white: Pair,
+    model: sampling.PairSpectrum,
+    white: sampling.Pair,
     averaged: Callable[[Float[np.ndarray, "bins k"]], Float[np.ndarray, "bins k"]],
     count: PerBin,
-) -> PairSpectrum:
+) -> sampling.PairSpectrum:
     """L P L^H of a model L L^H, P means of I and of the periodogram of what it whitened over so many bins."""
     across = white[0] * white[1].conj()
     seen = averaged(np.stack([*np.abs(white) ** 2, across.real, across.imag], axis=1))
@@ -191,7 +184,7 @@ def recoloured(
     first, two, real, imaginary = share * seen.T + np.outer([1.0, 1.0, 0.0, 0.0], 1.0 - share)
     across = real + 1j * imaginary
     top, below, bottom = model.root  # L = [top 0; below bottom]
-    return PairSpectrum(
+    return sampling.PairSpectrum(
         top**2 * first,
         np.abs(below) ** 2 * first + bottom**2 * two + 2.0 * (below * across * bottom).real,
         top * (first * below.conj() + across * bottom),
@@ -223,7 +216,7 @@ class PairRows(WhitenedRows):
     """Rows of one pass, by a noise model that was fitted to residuals."""
 
     pair: SeparableProblem = field(kw_only=True)  # With two candidates, which `problem` combines
-    C: PairSpectrum = field(kw_only=True)
+    C: sampling.PairSpectrum = field(kw_only=True)
     corrected: bool = field(kw_only=True)  # See `PairWhitening`
 
     def criterion(self, theta: Vector, nuisances: Values, /) -> float | None:
@@ -232,7 +225,7 @@ class PairRows(WhitenedRows):
             return None
         C, bins = self.C, self.pair.bins(nuisances)
         residual = paired_bins(self.pair, theta, nuisances).residual(bins)
-        return 2.0 * float((np.log(C.determinant) + inner(residual, C.solved(residual)).real).sum())
+        return 2.0 * float((np.log(C.determinant) + sampling.inner(residual, C.solved(residual)).real).sum())
 
     def renewed(self, theta: Vector, nuisances: Values, /) -> PairRows:
         return _by_residuals(self.pair, self.corrected, theta, nuisances, self.renewals - 1)
@@ -256,7 +249,7 @@ def _weighted(
     problem: SeparableProblem,
     bins: SpectralRegression,
     corrected: bool,
-    C: PairSpectrum,
+    C: sampling.PairSpectrum,
     factor: PerBin,
     renewals: int,
 ) -> PairRows:
@@ -280,7 +273,7 @@ class PairWhitening(RowWeighting):
         bins = problem.bins(first_values)
         paired_bins(problem, np.zeros(bins.regressors.shape[1]), first_values)
         entries = np.ones(bins.responses.shape[0])
-        C = PairSpectrum(entries, entries, 0.0j * entries)
+        C = sampling.PairSpectrum(entries, entries, 0.0j * entries)
         return _weighted(problem, bins, self.corrected, C, entries, RENEWALS)
 
     def last_pass(self, problem: SeparableProblem, theta: Vector, nuisances: Values, /) -> PairRows:

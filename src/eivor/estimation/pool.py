@@ -9,29 +9,14 @@ from typing import cast
 
 import numpy as np
 
+from eivor.estimation import profile_sets as sets
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, check_method, known_misfits, slope
 from eivor.estimation.methods import by_name
-from eivor.estimation.profile_sets import (
-    DEGREES,
-    FEW_PARAMETERS,
-    Criterion,
-    ParameterSets,
-    PoolMember,
-    known_priors,
-    products_at,
-)
 from eivor.estimation.variable_projection import NuisanceProfile, nodes_of, profiles_of
 from eivor.estimation.weighting import whitened_by_residuals
+from eivor.inference import covariance as cov
 from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.covariance import (
-    COSINE_AVERAGES,
-    CovariancePart,
-    JointCovariance,
-    cosine_covariance,
-    sandwich,
-    unit_scale,
-)
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail, t_quantile
 from eivor.inference.random_effects import Grouped, one_group
 from eivor.models.regression import Regression
@@ -52,7 +37,7 @@ class MemberSlopes:
 
 
 def member_slopes(
-    member: PoolMember, nuisances: tuple[Nuisance, ...], values: Values, theta: Float[np.ndarray, " n"]
+    member: sets.PoolMember, nuisances: tuple[Nuisance, ...], values: Values, theta: Float[np.ndarray, " n"]
 ) -> MemberSlopes:
     """Jacobian and scores of a flight."""
     rows = member.weights.rows(values)
@@ -62,8 +47,8 @@ def member_slopes(
     seen = rows.instruments.T @ jacobian
     residual = rows.response - rows.regressors @ theta
     scores = rows.layout.scores(rows.instruments @ seen, residual)
-    averages = max(min(COSINE_AVERAGES, len(scores) - jacobian.shape[1]), 1)
-    meat = cosine_covariance([scores], len(scores), averages)
+    averages = max(min(cov.COSINE_AVERAGES, len(scores) - jacobian.shape[1]), 1)
+    meat = cov.cosine_covariance([scores], len(scores), averages)
     return MemberSlopes(seen, jacobian.T @ jacobian, meat, columns, float(residual @ residual))
 
 
@@ -71,7 +56,7 @@ def member_slopes(
 class PoolJoint:
     """Linearised pool: every flight's own parameters, then what is shared, then continuous nuisances."""
 
-    criterion: Criterion
+    criterion: sets.Criterion
     slopes: tuple[MemberSlopes, ...]
     known: Float[np.ndarray, "k q"]  # Rows of what is known of nuisances beforehand, over standard errors
     inflation: float = 1.0
@@ -116,13 +101,13 @@ class PoolJoint:
     @cached_property
     def classical(self) -> Float[np.ndarray, "m m"]:
         """Covariance for white residuals."""
-        return self._widened(sandwich(self.sensitivity, self.variance * self.sensitivity))
+        return self._widened(cov.sandwich(self.sensitivity, self.variance * self.sensitivity))
 
     @cached_property
     def by_cosines(self) -> Float[np.ndarray, "m m"]:
         """Covariance by cosine averages in each flight, and what is known beforehand."""
         meat = self._summed(lambda item: item.meat) + self.variance**2 * self._prior
-        return self._widened(sandwich(self.sensitivity, meat))
+        return self._widened(cov.sandwich(self.sensitivity, meat))
 
     def _widened(self, covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
         """With the variance of what is shared times the inflation, and what that moves."""
@@ -133,11 +118,13 @@ class PoolJoint:
         moved = np.vstack([-np.linalg.solve(H[:first, :first], H[:first, first:]), np.eye(len(H) - first)])
         return covariance + (self.inflation - 1.0) * moved @ covariance[first:, first:] @ moved.T
 
-    def of(self, mapping: Float[np.ndarray, "v m"]) -> JointCovariance:
+    def of(self, mapping: Float[np.ndarray, "v m"]) -> cov.JointCovariance:
         """Covariance of linear combinations of the pool's parameters."""
         robust = mapping @ self.by_cosines @ mapping.T
-        cosines = CovariancePart("equal_weighted_cosines", robust, float(COSINE_AVERAGES))
-        return JointCovariance((cosines, CovariancePart("classical", mapping @ self.classical @ mapping.T)))
+        cosines = cov.CovariancePart("equal_weighted_cosines", robust, float(cov.COSINE_AVERAGES))
+        return cov.JointCovariance(
+            (cosines, cov.CovariancePart("classical", mapping @ self.classical @ mapping.T))
+        )
 
     def shared_variance(self, direction: Float[np.ndarray, " m"]) -> float:
         """What is shared adds so much to the variance of a combination of the flights' own parameters."""
@@ -151,13 +138,13 @@ class PoolJoint:
         first = self.flight_parameter_count
         inner = self.sensitivity[:first, :first]
         meat = self._summed(lambda item: item.meat)[:first, :first]
-        white, robust = sandwich(inner, self.variance * inner), sandwich(inner, meat)
+        white, robust = cov.sandwich(inner, self.variance * inner), cov.sandwich(inner, meat)
         return np.maximum(np.diag(white), np.diag(robust))[positions]
 
     @cached_property
     def first_stage(self) -> Float[np.ndarray, " m"]:
         """Conditional first-stage F of each parameter of the pool."""
-        scale = unit_scale(np.diag(self.sensitivity))
+        scale = cov.unit_scale(np.diag(self.sensitivity))
         inverse = np.linalg.pinv(np.outer(scale, scale) * self.sensitivity, hermitian=True)
         variances = np.diag(inverse)
         directions = inverse / np.where(variances > 0.0, variances, np.inf)
@@ -185,14 +172,14 @@ class Pooled:
 
     estimates: tuple[Estimate, ...]
     flight_specific: tuple[str, ...]  # Linear parameters that belong to the flight
-    criterion: Criterion
+    criterion: sets.Criterion
     nuisances: tuple[Nuisance, ...]
     shared_p_value: float
     inflation: float  # Factor of the variance of what is shared
     separate: bool = False
 
     @cached_property
-    def common(self) -> Criterion:
+    def common(self) -> sets.Criterion:
         """J of flights that agree in what is their own."""
         first = self.criterion.members[0]
         shared = tuple(member.recentred(first.centre) for member in self.criterion.members)
@@ -255,9 +242,9 @@ class Pooled:
     @property
     def has_sets(self) -> bool:
         """Whether its sets take no longer than they are worth."""
-        return self.criterion.size <= FEW_PARAMETERS
+        return self.criterion.size <= sets.FEW_PARAMETERS
 
-    def member_sets(self, name: str, level: float = 0.95) -> tuple[ParameterSets | None, ...]:
+    def member_sets(self, name: str, level: float = 0.95) -> tuple[sets.ParameterSets | None, ...]:
         """Sets of a parameter of each flight's own; None of many parameters."""
         if not self.has_sets:
             return (None,) * len(self.estimates)
@@ -271,7 +258,7 @@ class Pooled:
             for count in {member.instruments for member in members}
         }
         return tuple(
-            ParameterSets(
+            sets.ParameterSets(
                 ConfidenceSet((self.member(number).interval(name, level),)),
                 profiles[number],
                 robust[member.instruments][number],
@@ -279,7 +266,7 @@ class Pooled:
             for number, member in enumerate(members)
         )
 
-    def whole_sets(self, name: str, level: float = 0.95) -> ParameterSets | None:
+    def whole_sets(self, name: str, level: float = 0.95) -> sets.ParameterSets | None:
         """Sets of a parameter that all flights have in common, or of the common value of one that is not."""
         is_specific = name in self.flight_specific
         if not self.has_sets or (is_specific and self.differs):
@@ -287,7 +274,7 @@ class Pooled:
         position = self._positions([name])[0]
         criterion = self.common if is_specific else self.criterion
         instruments, least = max(member.instruments for member in criterion.members), criterion.minimum[1]
-        return ParameterSets(
+        return sets.ParameterSets(
             ConfidenceSet((self.whole().interval(name, level),)),
             criterion.below(least + self._largest_excess(level), position)[0],
             criterion.below(least + chi_square_quantile(level, instruments), position)[0],
@@ -302,7 +289,7 @@ class Pooled:
 
     def _largest_excess(self, level: float) -> float:
         """By how much J may exceed its least in a profile set; more where what is shared differs."""
-        return self.inflation * t_quantile(level, DEGREES) ** 2
+        return self.inflation * t_quantile(level, sets.DEGREES) ** 2
 
     def mean(self, name: str) -> CommonValue:
         """One value for all flights of a parameter that is their own."""
@@ -350,7 +337,7 @@ class Pooled:
 
     def _covariance(
         self, joint: PoolJoint, vector: Float[np.ndarray, "v m"], means: dict[int, CommonValue]
-    ) -> JointCovariance:
+    ) -> cov.JointCovariance:
         """Of the mean and of what is shared; where flights differ, with a part for that."""
         result = joint.of(vector)
         variances = np.zeros(vector.shape[0])
@@ -359,15 +346,15 @@ class Pooled:
                 variances[element] = differing + joint.shared_variance(vector[element])
         if not variances.any():
             return result
-        between = CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))
-        return JointCovariance((*result.parts, between))
+        between = cov.CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))
+        return cov.JointCovariance((*result.parts, between))
 
     def _estimate(
         self,
         rows: Regression,
         theta: Float[np.ndarray, " n"],
         nuisance_columns: Float[np.ndarray, "rows c"],
-        covariance: JointCovariance,
+        covariance: cov.JointCovariance,
     ) -> Estimate:
         method, J = by_name(self.estimates[0].method), self.criterion.minimum[1]
         check_method(method)
@@ -407,18 +394,18 @@ def pooled(
     parameters = [parameter.name for parameter in estimates[0].rows.parameters]
     specific = [parameters.index(name) for name in names]
 
-    def weighted(values: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> Criterion:
+    def weighted(values: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> sets.Criterion:
         shared, members = np.median(theta, axis=0), []
         for problem, here, parameters, estimate in zip(problems, values, theta, estimates, strict=True):
             centre = shared.copy()
             centre[specific] = parameters[specific]
             # products of a flight, whitened by its residual at some values
             weights = whitened_by_residuals(problem, parameters, {**here, **nodes.fixed})
-            made = (products_at(weights.rows(point), centre) for point in nodes.points)
+            made = (sets.products_at(weights.rows(point), centre) for point in nodes.points)
             equations, power = (np.stack(parts) for parts in zip(*made, strict=True))
             count = weights.basis.shape[0] * estimate.rows.layout.independent
-            members.append(PoolMember(problem, weights, centre, equations, power, count))
-        return Criterion(tuple(members), tuple(specific), nodes, known_priors(nodes))
+            members.append(sets.PoolMember(problem, weights, centre, equations, power, count))
+        return sets.Criterion(tuple(members), tuple(specific), nodes, sets.known_priors(nodes))
 
     first = weighted([item.nuisances for item in estimates], [item.theta for item in estimates])
     values = first.minimum[0]
@@ -427,7 +414,7 @@ def pooled(
     return Pooled(tuple(estimates), tuple(names), criterion, nuisances, p_value, inflation, separate)
 
 
-def _differences(criterion: Criterion) -> tuple[float, float]:
+def _differences(criterion: sets.Criterion) -> tuple[float, float]:
     """P-value of agreement in what is shared, and by what its variance is multiplied."""
     together = replace(criterion, known={}).minimum[1]
     alone = sum(replace(criterion, members=(member,), known={}).minimum[1] for member in criterion.members)

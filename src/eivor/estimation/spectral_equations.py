@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from eivor.errors import EstimationError, WeakInstrumentsWarning
-from eivor.estimation import sampled_motion
+from eivor.estimation import sampled_motion as sampling
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import Compensated, FittedNoise
@@ -32,10 +32,10 @@ GENERALIZED_IV = LinearMethod("generalized_iv", Compensated(), AugmentedLeastSqu
 class Pilot:
     """Start of a search."""
 
-    motion: sampled_motion.SampledMotion
+    motion: sampling.SampledMotion
     transient: float
-    noise: sampled_motion.NoiseModel  # Noises that fit
-    prior: sampled_motion.NoisePrior
+    noise: sampling.NoiseModel  # Noises that fit
+    prior: sampling.NoisePrior
 
 
 def consistent_estimate(problem: SignalRegression) -> Estimate:
@@ -46,18 +46,18 @@ def consistent_estimate(problem: SignalRegression) -> Estimate:
 
 
 def pilot_at(
-    motion: sampled_motion.SampledMotion,
+    motion: sampling.SampledMotion,
     input_variance: float,
     declared: tuple[MeasurementNoise | None, MeasurementNoise | None] = (None, None),
 ) -> Pilot:
     """Noises that fit the residuals at some parameters; those of z' and z'' as declared, where they are."""
     transient = first_transient(motion)
     residual = motion.behind(transient)
-    prior = sampled_motion.prior_of(motion, residual, input_variance, declared)
-    return Pilot(motion, transient, sampled_motion.fitted_noise(motion, residual, prior.centre, prior), prior)
+    prior = sampling.prior_of(motion, residual, input_variance, declared)
+    return Pilot(motion, transient, sampling.fitted_noise(motion, residual, prior.centre, prior), prior)
 
 
-def first_transient(motion: sampled_motion.SampledMotion) -> float:
+def first_transient(motion: sampling.SampledMotion) -> float:
     """The transient t by least squares on the second residual."""
     shape, residual = motion.memory, motion.residuals()[1]
     return float((shape.conj() * residual).real.sum() / (np.abs(shape) ** 2).sum())
@@ -77,9 +77,9 @@ RAMP_SAMPLES = 400
 class SpectralSolution:
     """Solution of the equations, with what its covariance is made of."""
 
-    motion: sampled_motion.SampledMotion
+    motion: sampling.SampledMotion
     nuisances: Float[np.ndarray, " q"]  # Transient, and ramps
-    spectrum: sampled_motion.PairSpectrum
+    spectrum: sampling.PairSpectrum
     instrument: Complex[np.ndarray, " bins"]
     input_variance: float
     weights: Float[np.ndarray, " bins"]
@@ -109,7 +109,7 @@ class SpectralSolution:
         return spectral_covariance(self)
 
     @cached_property
-    def residual(self) -> sampled_motion.Pair:
+    def residual(self) -> sampling.Pair:
         """r, without the nuisances' part."""
         return self.motion.whole(self.nuisances, self.nuisance_shapes)
 
@@ -148,7 +148,7 @@ class SpectralSolution:
             left[self.noisy] += self.input_variance * _products(self.of_noise, by_noise[None])[:, 0]
         return left
 
-    def stepped(self) -> sampled_motion.SampledMotion:
+    def stepped(self) -> sampling.SampledMotion:
         step = -np.linalg.solve(self.sensitivity, self.scores())
         return moved_by(self.motion, step[: self.parameters])
 
@@ -229,7 +229,7 @@ def solved_equations(
             noise = replace(noise, input_variance=known)
             prior = replace(prior, centre=replace(prior.centre, input_variance=known))
             now = replace(now, weights=signal_weights(record.input, known))
-        noise = sampled_motion.fitted_noise(now.motion, residual, noise, prior) if number else noise
+        noise = sampling.fitted_noise(now.motion, residual, noise, prior) if number else noise
         C = corrected_spectrum(noise.spectrum(now.motion), residual, leverage)
         now = replace(now, spectrum=C, factors=held_back(residual, C))
         before = now.motion
@@ -240,7 +240,7 @@ def solved_equations(
             break
     return replace(
         now,
-        noises=sampled_motion.fitted_noises(now.motion, now.residual, noise, prior, sampled_motion.MEASURE),
+        noises=sampling.fitted_noises(now.motion, now.residual, noise, prior, sampling.MEASURE),
     )
 
 
@@ -269,12 +269,10 @@ def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, 
     return now, np.maximum(first.leverage(inverse), 0.0)
 
 
-def moved_by(
-    motion: sampled_motion.SampledMotion, step: Float[np.ndarray, " n"]
-) -> sampled_motion.SampledMotion:
+def moved_by(motion: sampling.SampledMotion, step: Float[np.ndarray, " n"]) -> sampling.SampledMotion:
     """Motion whose friction, gain, and rho where the step has one, are moved."""
     values = np.array([motion.friction, motion.gain, motion.blend]) + np.pad(step, (0, 3 - step.size))
-    return sampled_motion.SampledMotion(motion.record, *values.tolist())
+    return sampling.SampledMotion(motion.record, *values.tolist())
 
 
 def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Estimate:
@@ -306,7 +304,7 @@ def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...])
     return Regression(residual + X @ theta, X, Psi, parameters, layout, instrument_noise=shared)
 
 
-def series_of(pairs: sampled_motion.Pairs, count: int) -> Float[np.ndarray, "*shape 2 samples"]:
+def series_of(pairs: sampling.Pairs, count: int) -> Float[np.ndarray, "*shape 2 samples"]:
     """Series of pairs of unitary spectra without means."""
     bins = np.zeros((*pairs.shape[:-1], count // 2 + 1), dtype=np.complex128)
     bins[..., 1 : pairs.shape[-1] + 1] = pairs

@@ -11,35 +11,12 @@ from functools import partial
 import numpy as np
 
 from eivor.errors import EivorError, EstimationError, FallbackWarning, MissingNoiseError
+from eivor.estimation import sampled_motion as sampling
+from eivor.estimation import spectral_equations as spectral
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, Method, Problem, user_level
 from eivor.estimation.moments import Direct, FittedNoise, Instrumental
 from eivor.estimation.pair_whitening import PairWhitening, paired_bins, power_around, signal_weights
-from eivor.estimation.sampled_motion import (
-    MEASURE,
-    PairSpectrum,
-    SampledMotion,
-    SampledProblem,
-    SpectraError,
-    fitted_noise,
-    fitted_noises,
-    is_own_instrument,
-    motion_of,
-    problem_of_motion,
-    sampled_problem,
-    with_instruments,
-)
-from eivor.estimation.spectral_equations import (
-    GENERALIZED_IV,
-    SpectralCovariance,
-    SpectralSolution,
-    consistent_estimate,
-    pilot_at,
-    solved_equations,
-    solved_rows,
-    spectral_covariance,
-    sum_covariance,
-)
 from eivor.estimation.unknown_noise import NoiseEstimatingIV
 from eivor.inference.covariance import COSINE_AVERAGES, CovariancePart, EqualWeightedCosines, JointCovariance
 from eivor.inference.regions import hotelling_quantile
@@ -61,26 +38,26 @@ FARTHEST = 49.57485384009213  # hotelling_quantile(0.999, 2, COSINE_AVERAGES), w
 USUAL_BLENDS, NEAR_BLEND = (0.0, 0.5), 3.0
 
 
-def seems_held(held: SpectralSolution) -> bool:
+def seems_held(held: spectral.SpectralSolution) -> bool:
     """Whether one step towards a free rho leaves a solution with a held input at rho 0."""
     freed = replace(held, free_blend=True)
     return usual_blend(replace(freed, motion=freed.stepped())) == 0.0
 
 
-def usual_blend(free: SpectralSolution) -> float | None:
+def usual_blend(free: spectral.SpectralSolution) -> float | None:
     """The usual rho that a free one is within three standard errors of; None where it is near none."""
     blend = free.motion.blend
     usual = min(USUAL_BLENDS, key=lambda item: abs(blend - item))
     return usual if abs(blend - usual) <= NEAR_BLEND * blend_error(free) else None
 
 
-def blend_error(free: SpectralSolution) -> float:
+def blend_error(free: spectral.SpectralSolution) -> float:
     """Standard error of a free rho, the larger one of both covariances."""
-    of_blend = spectral_covariance(free, slice(2, 3))
+    of_blend = spectral.spectral_covariance(free, slice(2, 3))
     return float(np.sqrt(max(of_blend.model[0, 0], of_blend.in_time[0, 0])))
 
 
-def joint_covariance(covariance: SpectralCovariance) -> JointCovariance:
+def joint_covariance(covariance: spectral.SpectralCovariance) -> JointCovariance:
     """Both covariances, of which an interval takes the wider, on the fewest degrees of freedom."""
     degrees = float(covariance.degrees.min())
     matrices = {"spectral_model": covariance.model, "spectral_in_time": covariance.in_time}
@@ -121,15 +98,15 @@ def fallback(why: str, remedy: str = EXCITE) -> Reason:
     )
 
 
-def start_of(sampled: SampledProblem, plain: Estimate) -> SampledMotion:
+def start_of(sampled: sampling.SampledProblem, plain: Estimate) -> sampling.SampledMotion:
     """Motion at generalized IV's numbers; a `SpectraError` where nothing can begin there."""
     friction, gain = (float(value) for value in plain.values[:2])
     if friction > 0.0 and gain != 0.0:
-        return SampledMotion(sampled.record, friction, gain)
-    raise SpectraError(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
+        return sampling.SampledMotion(sampled.record, friction, gain)
+    raise sampling.SpectraError(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
 
 
-def distance_of(plain: Estimate, solution: SpectralSolution) -> float:
+def distance_of(plain: Estimate, solution: spectral.SpectralSolution) -> float:
     """Squared distance of friction and gain from generalized IV's, in the errors of both."""
     between = plain.values[:2] - solution.values
     of_instruments = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
@@ -137,7 +114,7 @@ def distance_of(plain: Estimate, solution: SpectralSolution) -> float:
     return float(between @ np.linalg.solve(spread, between))
 
 
-def fallen_back(name: str, plain: Estimate, error: SpectraError) -> Estimate:
+def fallen_back(name: str, plain: Estimate, error: sampling.SpectraError) -> Estimate:
     """Generalized IV's answer, with the reason as a warning too."""
     reason = fallback(*error.args)
     warnings.warn(f"{reason.sentence} {reason.remedy}", FallbackWarning, stacklevel=user_level())
@@ -152,14 +129,16 @@ EVALUATIONS = 60
 
 
 def least_quadratic(
-    motion: SampledMotion, transient: float, spectrum: Callable[[SampledMotion], PairSpectrum]
-) -> tuple[SampledMotion, float, bool]:
+    motion: sampling.SampledMotion,
+    transient: float,
+    spectrum: Callable[[sampling.SampledMotion], sampling.PairSpectrum],
+) -> tuple[sampling.SampledMotion, float, bool]:
     """Minimum of Q at given noises, by least squares of the whitened residuals; and whether it is one."""
     from scipy.optimize import least_squares
 
     units = np.array([motion.friction, motion.gain, max(abs(transient), 1e-3 * abs(motion.gain))])
 
-    def at(x: Float[np.ndarray, " 3"]) -> tuple[SampledMotion, float]:
+    def at(x: Float[np.ndarray, " 3"]) -> tuple[sampling.SampledMotion, float]:
         friction, gain, t = (x * units).tolist()
         return replace(motion, friction=friction, gain=gain), t
 
@@ -190,9 +169,9 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
     try:
         result = corrected_whitening(name).estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
-        return _instead(name, GENERALIZED_IV.estimate(problem), "its equations have no solution")
+        return _instead(name, spectral.GENERALIZED_IV.estimate(problem), "its equations have no solution")
     try:
-        plain = GENERALIZED_IV.estimate(problem)
+        plain = spectral.GENERALIZED_IV.estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
         return with_noises(problem, result)
     distance = _squared_distance(result, plain)
@@ -227,11 +206,11 @@ def input_noise_start(problem: Problem, method: str) -> tuple[Problem, bool] | E
     """Problem with a noise of its input to begin with, and whether that is a rough estimate."""
     if not isinstance(problem, SignalRegression):
         return problem, False
-    _, _, driver = motion_of(problem, method)
+    _, _, driver = sampling.motion_of(problem, method)
     if driver in problem.signals.noise:
         return problem, False
-    problem = with_instruments(problem, driver)
-    if not is_own_instrument(problem, driver):
+    problem = sampling.with_instruments(problem, driver)
+    if not sampling.is_own_instrument(problem, driver):
         return _with_noise(problem, driver, 0.0), False  # nothing is taken off
     try:
         result = NoiseEstimatingIV("generalized_iv_unknown_noise").estimate(problem)
@@ -278,14 +257,16 @@ class SpectralGeneralizedIV(Method):
         start = input_noise_start(problem, self.name)
         if isinstance(start, Estimate):
             return start
-        checked = problem_of_motion(start[0], self.name)
-        plain = consistent_estimate(checked)
+        checked = sampling.problem_of_motion(start[0], self.name)
+        plain = spectral.consistent_estimate(checked)
         try:
-            sampled = replace(sampled_problem(checked, self.name), noise_estimated=start[1])
+            sampled = replace(sampling.sampled_problem(checked, self.name), noise_estimated=start[1])
             solution, count = _spectral(sampled, plain), sampled.record.count
-        except SpectraError as error:
+        except sampling.SpectraError as error:
             return fallen_back(self.name, plain, error)
-        candidate = solved_rows(solution, (*sampled.problem.parameters, BLEND)[: solution.parameters])
+        candidate = spectral.solved_rows(
+            solution, (*sampled.problem.parameters, BLEND)[: solution.parameters]
+        )
         if count >= self.alone_from:
             candidate = replace(candidate, streamed_covariance=joint_covariance(solution.covariance))
         else:
@@ -301,28 +282,28 @@ class SpectralGeneralizedIV(Method):
         return replace(answer, met=(*answer.met, short))
 
 
-def _noises(solution: SpectralSolution) -> tuple[FittedNoise, ...]:
+def _noises(solution: spectral.SpectralSolution) -> tuple[FittedNoise, ...]:
     if solution.noise_test is None:
         return solution.noises
     error, strength = solution.covariance.noise_error, math.sqrt(max(solution.input_variance, 0.0))
     by_root = 0.5 * error / strength if strength else math.sqrt(error)
-    return (*solution.noises, FittedNoise("input", strength, by_root, 0.0, 0.0, MEASURE))
+    return (*solution.noises, FittedNoise("input", strength, by_root, 0.0, 0.0, sampling.MEASURE))
 
 
-def _spectral(sampled: SampledProblem, plain: Estimate) -> SpectralSolution:
+def _spectral(sampled: sampling.SampledProblem, plain: Estimate) -> spectral.SpectralSolution:
     """Spectral solution with its covariance; a `SpectraError` where generalized IV's answer must do."""
     try:
         with np.errstate(all="ignore"):
             solution = _with_blend(sampled, start_of(sampled, plain))
             why = _doubt(solution, plain)
     except (EivorError, np.linalg.LinAlgError, ValueError) as error:
-        raise SpectraError("its equations have no solution near generalized IV's") from error
+        raise sampling.SpectraError("its equations have no solution near generalized IV's") from error
     if why:
-        raise SpectraError(why)
+        raise sampling.SpectraError(why)
     return solution
 
 
-def _doubt(solution: SpectralSolution, plain: Estimate) -> str:
+def _doubt(solution: spectral.SpectralSolution, plain: Estimate) -> str:
     values, covariance = solution.values, solution.covariance.model[:2, :2]
     if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
         return "its search left every number behind"
@@ -334,11 +315,11 @@ def _doubt(solution: SpectralSolution, plain: Estimate) -> str:
     return f"{CONTRADICTS} (squared distance {distance:.3g})" if distance > FARTHEST else ""
 
 
-def _with_blend(sampled: SampledProblem, start: SampledMotion) -> SpectralSolution:
+def _with_blend(sampled: sampling.SampledProblem, start: sampling.SampledMotion) -> spectral.SpectralSolution:
     """Solution with an input that is held, where one step towards a free rho finds no other."""
-    pilot = pilot_at(start, sampled.input_variance)
+    pilot = spectral.pilot_at(start, sampled.input_variance)
     solved = partial(
-        solved_equations,
+        spectral.solved_equations,
         input_variance=sampled.input_variance,
         instrument=sampled.instrument,
         noise_test=1.0 / power_around(sampled.record.input) if sampled.noise_estimated else None,
@@ -351,13 +332,13 @@ def _with_blend(sampled: SampledProblem, start: SampledMotion) -> SpectralSoluti
     return free if usual is None else solved(replace(pilot, motion=replace(free.motion, blend=usual)))
 
 
-def _combined(candidate: Estimate, plain: Estimate, solution: SpectralSolution) -> Estimate:
+def _combined(candidate: Estimate, plain: Estimate, solution: spectral.SpectralSolution) -> Estimate:
     """theta_S - Cov(theta_S, delta) Var(delta)^-1 delta with delta = theta_G - theta_S."""
     influence, equation, n = solution.covariance.influence, plain.equation, solution.parameters
     other = np.zeros((influence.shape[0], 2))
     scores = np.linalg.solve(equation.sensitivity, equation.scores.T).T
     other[-scores.shape[0] :] = scores
-    joint = sum_covariance(np.concatenate([influence, other - influence[:, :2]], axis=1))
+    joint = spectral.sum_covariance(np.concatenate([influence, other - influence[:, :2]], axis=1))
     weights = np.linalg.solve(joint[n:, n:], joint[n:, :n]).T
     theta = candidate.theta - weights @ (plain.values[:2] - solution.values)
     alone = joint_covariance(solution.covariance)
@@ -382,18 +363,18 @@ class WhittleLikelihood(Method):
         if isinstance(problem, SeparableProblem):
             method = LinearMethod(self.name, Direct(), LeastSquares(), PairWhitening(corrected=False))
             return with_noises(problem, method.estimate(problem))
-        checked = problem_of_motion(problem, self.name)
-        plain = consistent_estimate(checked)
+        checked = sampling.problem_of_motion(problem, self.name)
+        plain = spectral.consistent_estimate(checked)
         try:
-            sampled = sampled_problem(checked, self.name)
+            sampled = sampling.sampled_problem(checked, self.name)
             if sampled.instrument is not None:
                 expected = f"an open loop for {self.name}"
                 remedy = "Under control use spectral_giv."
                 raise MissingNoiseError(expected, "instruments of another channel than the input", remedy)
             solution = self._likelihood(sampled, plain)
-        except SpectraError as error:
+        except sampling.SpectraError as error:
             return fallen_back(self.name, plain, error)
-        solved = solved_rows(solution, sampled.problem.parameters)
+        solved = spectral.solved_rows(solution, sampled.problem.parameters)
         candidate = replace(
             solved,
             solution=replace(solved.solution, theta=solution.values),
@@ -410,11 +391,11 @@ class WhittleLikelihood(Method):
         return replace(answer, met=(*reasons, *_not_held(solution)))
 
     @staticmethod
-    def _likelihood(sampled: SampledProblem, plain: Estimate) -> SpectralSolution:
+    def _likelihood(sampled: sampling.SampledProblem, plain: Estimate) -> spectral.SpectralSolution:
         start = start_of(sampled, plain)
         try:
             with np.errstate(all="ignore"):
-                pilot = pilot_at(start, sampled.input_variance, sampled.declared)
+                pilot = spectral.pilot_at(start, sampled.input_variance, sampled.declared)
                 # search from a pilot, with the noises that are not declared fitted anew
                 motion, transient, noise = pilot.motion, pilot.transient, pilot.noise
                 refined = False
@@ -425,27 +406,29 @@ class WhittleLikelihood(Method):
                     refined = result and bool((moved <= LIKELIHOOD_TOLERANCE * np.abs(before)).all())
                     if refined:
                         break
-                    noise = fitted_noise(motion, motion.behind(transient), noise, pilot.prior)
-                noises = fitted_noises(motion, motion.behind(transient), noise, pilot.prior, MEASURE)
+                    noise = sampling.fitted_noise(motion, motion.behind(transient), noise, pilot.prior)
+                noises = sampling.fitted_noises(
+                    motion, motion.behind(transient), noise, pilot.prior, sampling.MEASURE
+                )
         except (EivorError, np.linalg.LinAlgError, ValueError) as error:
-            raise SpectraError("its search failed near generalized IV's numbers") from error
+            raise sampling.SpectraError("its search failed near generalized IV's numbers") from error
         if not (np.isfinite(motion.gain) and motion.friction > 0.0 and motion.gain * start.gain > 0.0):
-            raise SpectraError(f"its friction came out at {motion.friction:.3g} 1/s")
+            raise sampling.SpectraError(f"its friction came out at {motion.friction:.3g} 1/s")
         # spectral equations at the likelihood's numbers, whose covariance is its own where the model holds
         bins, variance = sampled.record.input, sampled.input_variance
         weights, factors = np.sqrt(signal_weights(bins, variance)), np.ones(bins.size)
         numbers = motion, np.array([transient]), noise.spectrum(motion), bins, variance, weights, factors
-        return SpectralSolution(*numbers, False, 0.0 if refined else np.inf, noises)
+        return spectral.SpectralSolution(*numbers, False, 0.0 if refined else np.inf, noises)
 
 
-def _not_held(solution: SpectralSolution) -> tuple[Reason, ...]:
+def _not_held(solution: spectral.SpectralSolution) -> tuple[Reason, ...]:
     """Reason against numbers from an input that is not held between samples; the numbers stay."""
     with np.errstate(all="ignore"):
         if seems_held(solution):
             return ()
         try:
-            pilot = pilot_at(solution.motion, solution.input_variance)
-            free = solved_equations(pilot, solution.input_variance, free_blend=True)
+            pilot = spectral.pilot_at(solution.motion, solution.input_variance)
+            free = spectral.solved_equations(pilot, solution.input_variance, free_blend=True)
         except (EivorError, np.linalg.LinAlgError, ValueError):
             return (
                 Reason(Status.WEAK, "Whether the input is held between samples cannot be identified.", USE),

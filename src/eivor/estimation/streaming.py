@@ -14,7 +14,7 @@ from eivor.estimation.estimate import Estimate, estimating_equation
 from eivor.estimation.linear import LinearMethod, check_method
 from eivor.estimation.methods import identify
 from eivor.estimation.moments import Assembler, CrossMoments, ProblemMoments
-from eivor.inference import covariance as covariances
+from eivor.inference import covariance as cov
 from eivor.inference.estimating_equation import Products
 from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.models.regression import Column, RowBlock, check_columns
@@ -129,7 +129,7 @@ def identify_chunks(
     model: SignalModel,
     method: LinearMethod,
     instruments: tuple[Column, ...] = (),
-    covariance: covariances.CovarianceEstimator = covariances.DEFAULT,
+    covariance: cov.CovarianceEstimator = cov.DEFAULT,
 ) -> Estimate:
     """Estimate the parameters of a record that is given in chunks, with intervals.
 
@@ -159,7 +159,7 @@ def identify_chunks(
         When there is no row.
     """
     check_chunked(model, method, instruments)
-    covariances.check_covariance_estimator(covariance)
+    cov.check_covariance_estimator(covariance)
     remedy = "Give lambda: ev.read_chunks(file, ...), for example."
     checks.function("a function that gives the chunks anew in every pass", chunks, remedy)
     first = moments(chunks(), model=model, method=method, instruments=instruments)
@@ -449,7 +449,7 @@ def nothing_yet(rows: TimedRows, forgetting: Forgetting) -> ExponentiallyWeighte
 
 def exponentially_weighted_covariance(
     weighted: ExponentiallyWeightedProducts, theta: Float[np.ndarray, " n"], mapped: Float[np.ndarray, "n p"]
-) -> covariances.JointCovariance:
+) -> cov.JointCovariance:
     """Covariance of an estimate from exponentially weighted products."""
     # Scores of unit variance, weights and sensitivities of the blocks that have rows and are kept apart.
     blocks, factors = weighted.recent
@@ -467,15 +467,15 @@ def exponentially_weighted_covariance(
     effective = power**2 / float(np.sum(weights**4)) if power > 0.0 else 0.0
     degrees = max(effective - theta.size, 0.0)
     single = single * (effective / degrees if degrees > 0.0 else 1.0)
-    cosines = covariances.CovariancePart("equal_weighted_cosines", meat, float(used))
-    return covariances.JointCovariance((cosines, covariances.CovariancePart("blocks", single, degrees)))
+    cosines = cov.CovariancePart("equal_weighted_cosines", meat, float(used))
+    return cov.JointCovariance((cosines, cov.CovariancePart("blocks", single, degrees)))
 
 
 def _cosines(
     weights: Float[np.ndarray, " K"], leaks: Float[np.ndarray, " K"]
 ) -> Float[np.ndarray, "K averages"]:
     """Orthonormal cosines over the weights' own time, orthogonal to the weights and to the leaks."""
-    averages = min(covariances.COSINE_AVERAGES, weights.size - 2)
+    averages = min(cov.COSINE_AVERAGES, weights.size - 2)
     if averages < 1:
         return np.zeros((weights.size, 0))
     shares = weights**2

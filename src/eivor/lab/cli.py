@@ -16,31 +16,8 @@ from rich.table import Table
 from rich.text import Text
 
 from eivor import checks
+from eivor.cli import outputs as cli
 from eivor.cli.export import supplied
-from eivor.cli.outputs import (
-    PAPER_FILES,
-    STUDY_FILES,
-    ExitCode,
-    JsonOption,
-    Reads,
-    WorkersOption,
-    Writes,
-    complain,
-    completion,
-    deliver,
-    deliver_result,
-    flag,
-    guarded,
-    keep_inputs,
-    option,
-    output_file,
-    progress_bar,
-    show,
-    step,
-    write,
-    write_out,
-    writing,
-)
 from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError
 from eivor.exports.fitted import accepted_verdicts
@@ -69,26 +46,26 @@ if TYPE_CHECKING:
 ALL = "all"
 
 
-@guarded
+@cli.guarded
 def paper(
     *,
-    runs: Annotated[int, option("N", "Runs of each example.")] = 100,
+    runs: Annotated[int, cli.option("N", "Runs of each example.")] = 100,
     out: Annotated[
         str,
-        option("FOLDER", "Write figures 2 to 8 of the nearest reading here, as SVG and PNG."),
-        Writes(PAPER_FILES),
+        cli.option("FOLDER", "Write figures 2 to 8 of the nearest reading here, as SVG and PNG."),
+        cli.Writes(cli.PAPER_FILES),
     ] = "",
     readings: Annotated[
         str,
-        option(
+        cli.option(
             "NAMES",
             "Readings with commas between, or all: print their tables in full. Default: run all, and print "
             "the nearest one's tables and an overview.",
             values=tuple(item.name for item in named_readings(())),
         ),
     ] = "",
-    workers: Annotated[int | None, option("N", "Processes; default: one for each core.")] = None,
-) -> ExitCode:
+    workers: Annotated[int | None, cli.option("N", "Processes; default: one for each core.")] = None,
+) -> cli.ExitCode:
     """Run examples 1 and 2 of the paper that Eivor started from, and print measured beside printed.
 
     The paper: D. Ivanov, A. Zhdanov and I. Sandler, Identification of dynamical systems with time-varying
@@ -102,20 +79,20 @@ def paper(
         expected = "two runs or more, and workers of zero or more"
         raise UsageError(expected, f"--runs {runs} --workers {workers or 0}", "The paper has 100 runs.")
     for path in drawings.figure_files(_folder(out)) if out else ():
-        output_file(str(path), option="--out")
+        cli.output_file(str(path), option="--out")
     results = []
-    with progress_bar("examples") as progress:
+    with cli.progress_bar("examples") as progress:
         for result in run_paper(chosen, runs=runs, workers=workers or None):
             results.append(result)
             progress(len(results), 2 * len(chosen))
     groups = drawings.by_reading(results)
     nearest_group = groups[drawings.nearest(results)]
     chosen_groups = [*groups.values()] if named else [nearest_group]
-    parts = [lambda: show(_paper_report(results, chosen_groups, whole=bool(named)))]
+    parts = [lambda: cli.show(_paper_report(results, chosen_groups, whole=bool(named)))]
     if out:
         parts.append(partial(_draw, Path(out), lambda: drawings.paper_figures(nearest_group)))
-    deliver(*parts)
-    return ExitCode.IDENTIFIED
+    cli.deliver(*parts)
+    return cli.ExitCode.IDENTIFIED
 
 
 def _paper_report(
@@ -128,7 +105,7 @@ def _paper_report(
 
 def _draw(folder: Path, figures: Callable[[], Iterable[tuple[str, Figure]]]) -> None:
     """Draw figures by their names, each as SVG and PNG, into a folder that exists."""
-    with step("Drawing the figures"), writing(folder):
+    with cli.step("Drawing the figures"), cli.writing(folder):
         for name, figure in figures():
             for path in drawings.figure_files(folder, name):
                 save_figure(figure, path)
@@ -145,38 +122,38 @@ def _folder(text: str) -> Path:
     return folder
 
 
-@guarded
+@cli.guarded
 def simulate(
     scenario_file: Annotated[
         str,
         typer.Argument(
             metavar="SCENARIO.toml",
             help="The scenario, or the name of one that comes with Eivor, such as flight or rich.",
-            autocompletion=completion(values_of="eivor.lab.scenario_files:shipped_files"),
+            autocompletion=cli.completion(values_of="eivor.lab.scenario_files:shipped_files"),
         ),
-        Reads(),
+        cli.Reads(),
     ],
     *,
-    out: Annotated[str, option("FILE", "The log, which ends in .parquet.", "--out", "-o"), Writes()],
-    seed: Annotated[int, option("N", "Of all randomness: the same gives the same log.")] = 0,
+    out: Annotated[str, cli.option("FILE", "The log, which ends in .parquet.", "--out", "-o"), cli.Writes()],
+    seed: Annotated[int, cli.option("N", "Of all randomness: the same gives the same log.")] = 0,
     truth: Annotated[
-        str, option("FILE.json", "Write the parameters and the noises that were added."), Writes()
+        str, cli.option("FILE.json", "Write the parameters and the noises that were added."), cli.Writes()
     ] = "",
     vehicle: Annotated[
         str,
-        option("FILE.toml", "Write the vehicle file that `eivor identify --model rigid-body` asks for."),
-        Writes(),
+        cli.option("FILE.toml", "Write the vehicle file that `eivor identify --model rigid-body` asks for."),
+        cli.Writes(),
     ] = "",
     fit: Annotated[
         str,
-        option("FIT.json", "Fly the vehicle that a result of the rigid body identified.", "--from"),
-        Reads(),
+        cli.option("FIT.json", "Fly the vehicle that a result of the rigid body identified.", "--from"),
+        cli.Reads(),
     ] = "",
-    mass: Annotated[str, option("KG", "Its mass, where its vehicle file has none.")] = "",
+    mass: Annotated[str, cli.option("KG", "Its mass, where its vehicle file has none.")] = "",
     accept: Annotated[
-        str, option("VERDICT", "Fly weak numbers of it too, or provisional ones as well.")
+        str, cli.option("VERDICT", "Fly weak numbers of it too, or provisional ones as well.")
     ] = "identified",
-) -> ExitCode:
+) -> cli.ExitCode:
     """Simulate motion with known parameters into a log.
 
     The scenario 'flight', and a file with kind = "flight", give a log as an autopilot keeps it. It has
@@ -203,21 +180,21 @@ def simulate(
     if vehicle and not isinstance(scenario, RigidBodyFlightSpec):
         expected = "--vehicle with a flight of a whole vehicle, such as crazyflie"
         raise UsageError(expected, f"'{source.stem}', whose rotors are nowhere", "Leave --vehicle out.")
-    keep_inputs(source.name, files)
+    cli.keep_inputs(source.name, files)
     try:
-        with step("Simulating"):
+        with cli.step("Simulating"):
             made = _simulated(scenario, seed)
     except ParameterError as error:  # what depends on rate and length shows only here
         raise InputError(error.expected, f"{error.received}, in {source.name}", error.remedy) from error
-    with writing(log_path):
+    with cli.writing(log_path):
         write_recording(replace(made.recording, name=log_path.name), log_path)
     if truth:
-        write_out(json_text(made.truth), truth)
+        cli.write_out(json_text(made.truth), truth)
     if vehicle and isinstance(scenario, RigidBodyFlightSpec):
-        write_out(vehicle_text(scenario, source.stem), vehicle)
+        cli.write_out(vehicle_text(scenario, source.stem), vehicle)
     duration = made.samples / made.rate_hz
-    write(f"{log_path}: {made.samples} samples at {made.rate_hz:g} Hz, {duration:g} s\n")
-    return ExitCode.IDENTIFIED
+    cli.write(f"{log_path}: {made.samples} samples at {made.rate_hz:g} Hz, {duration:g} s\n")
+    return cli.ExitCode.IDENTIFIED
 
 
 def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
@@ -247,7 +224,7 @@ def _of_fit(scenario: Simulated, fit: str, mass: str, accept: str) -> RigidBodyF
         steps = f"whole steps of {1e3 * step_s:.4g} ms"
         said.append(f"The delay is {1e3 * delay:.4g} ms for {1e3 * vehicle.rotors.delay:.4g} ms, in {steps}.")
     if said:
-        complain(*said)
+        cli.complain(*said)
     return replace(scenario, vehicle=replace(vehicle, rotors=replace(vehicle.rotors, delay=delay)))
 
 
@@ -259,28 +236,32 @@ def _simulated(scenario: Simulated, seed: int) -> KnownLog:
     return next(logs_of_flights([replace(scenario, seed=seed)]))
 
 
-@guarded
+@cli.guarded
 def study(
     study_file: Annotated[
-        str, typer.Argument(metavar="STUDY.toml", help="The study: scenario, methods, runs, seed."), Reads()
+        str,
+        typer.Argument(metavar="STUDY.toml", help="The study: scenario, methods, runs, seed."),
+        cli.Reads(),
     ],
     *,
     out: Annotated[
         str,
-        option("FOLDER", "Folder of the trials; default: the study's file name with -study, here."),
-        Writes(STUDY_FILES, default=lambda values: f"{Path(values['study_file']).stem}-study"),
+        cli.option("FOLDER", "Folder of the trials; default: the study's file name with -study, here."),
+        cli.Writes(cli.STUDY_FILES, default=lambda values: f"{Path(values['study_file']).stem}-study"),
     ] = "",
-    runs: Annotated[int | None, option("N", "Trials, in place of the study's own number.")] = None,
-    workers: WorkersOption = None,
+    runs: Annotated[int | None, cli.option("N", "Trials, in place of the study's own number.")] = None,
+    workers: cli.WorkersOption = None,
     dask: Annotated[
-        str, option("ADDRESS", "Use the workers of a Dask scheduler, such as tcp://host:8786.")
+        str, cli.option("ADDRESS", "Use the workers of a Dask scheduler, such as tcp://host:8786.")
     ] = "",
     figures: Annotated[
         bool,
-        flag("--figures", "Draw histograms of NRMSE and, with intervals, their coverage into the folder."),
+        cli.flag(
+            "--figures", "Draw histograms of NRMSE and, with intervals, their coverage into the folder."
+        ),
     ] = False,
-    json: JsonOption = "",
-) -> ExitCode:
+    json: cli.JsonOption = "",
+) -> cli.ExitCode:
     """Run a Monte Carlo study, or go on with one that was interrupted."""
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
@@ -290,22 +271,23 @@ def study(
         chosen = replace(chosen, runs=runs)
     executor = DaskCluster(dask) if dask else study_executor(chosen, workers)
     folder = Path(out) if out else Path(f"{Path(study_file).stem}-study")
-    keep_inputs(Path(study_file).name, table.files)
+    cli.keep_inputs(Path(study_file).name, table.files)
     try:
-        with progress_bar(chosen.name) as progress:
+        with cli.progress_bar(chosen.name) as progress:
             result = run_study(chosen, folder, executor=executor, progress=progress)
     except KeyboardInterrupt:
-        complain("interrupted", f"Complete trials are in {folder}. Run the same command again to go on.")
-        return ExitCode.INTERRUPTED
+        cli.complain("interrupted", f"Complete trials are in {folder}. Run the same command again to go on.")
+        return cli.ExitCode.INTERRUPTED
     results = scores(result)
 
-    deliver_result(
+    cli.deliver_result(
         lambda: _report(result, results),
         lambda: json_text(_document(result, results)),
         json,
         *([partial(_draw, result.folder, lambda: drawings.study_figures(result))] if figures else []),
     )
-    return ExitCode.FAILED if all(item.failed == item.trials for item in results) else ExitCode.IDENTIFIED
+    every_one_failed = all(item.failed == item.trials for item in results)
+    return cli.ExitCode.FAILED if every_one_failed else cli.ExitCode.IDENTIFIED
 
 
 def _report(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> RenderableType:

@@ -9,7 +9,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import ParameterError
-from eivor.estimation import sampled_motion
+from eivor.estimation import sampled_motion as sampling
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.records import DisturbanceRoute, Intersample, Scenario, SimulatedRecord, simulate
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
@@ -97,11 +97,11 @@ def disturbance_power(scenario: Scenario, seed: int = 0) -> Float[np.ndarray, " 
     """Mean power of a scenario's disturbance in each bin, over records: of unitary bins, as a variance."""
     series = (record.truth.channel("disturbance") for record in _records(scenario, seed, DISTURBED_RUNS))
     first = next(series)
-    equal, power = sampled_motion.unitary_bins(first), np.abs(sampled_motion.unitary_bins(first)) ** 2
+    equal, power = sampling.unitary_bins(first), np.abs(sampling.unitary_bins(first)) ** 2
     differs = False
     for other in series:
         differs = differs or not np.array_equal(first, other)
-        bins = sampled_motion.unitary_bins(other)
+        bins = sampling.unitary_bins(other)
         equal, power = equal + bins, power + np.abs(bins) ** 2
     if not differs:
         return np.full(equal.size, float(first.var()))
@@ -112,10 +112,10 @@ def _information(
     scenario: Scenario, record: SimulatedRecord, power: Float[np.ndarray, " bins"]
 ) -> Float[np.ndarray, "2 2"]:
     signals = record.signals
-    U = sampled_motion.unitary_bins(record.truth.channel("input"))
-    bins = sampled_motion.SampledRecord(signals.step_s, signals.sample_count, U, U, U)
+    U = sampling.unitary_bins(record.truth.channel("input"))
+    bins = sampling.SampledRecord(signals.step_s, signals.sample_count, U, U, U)
     blend = 0.5 if scenario.intersample is Intersample.LINEAR else 0.0
-    motion = sampled_motion.SampledMotion(bins, scenario.viscous_friction, scenario.input_gain, blend)
+    motion = sampling.SampledMotion(bins, scenario.viscous_friction, scenario.input_gain, blend)
     known = replace(noise_of_record(scenario, record), disturbance=power)
     C = known.spectrum(motion)
     d = motion.directions[:2]
@@ -129,11 +129,11 @@ def _information(
 class KnownNoise:
     """Noises of a simulated record as they really are."""
 
-    noise: sampled_motion.NoiseModel
+    noise: sampling.NoiseModel
     disturbance: Float[np.ndarray, " bins"]
     moves: bool
 
-    def spectrum(self, motion: sampled_motion.SampledMotion) -> sampled_motion.PairSpectrum:
+    def spectrum(self, motion: sampling.SampledMotion) -> sampling.PairSpectrum:
         """C of the residuals."""
         _, _, of_response, of_disturbance = motion.shapes()
         shape = of_disturbance if self.moves else of_response
@@ -143,11 +143,11 @@ class KnownNoise:
 def noise_of_record(scenario: Scenario, record: SimulatedRecord) -> KnownNoise:
     """Noises of one record of a scenario; its disturbance counts as white."""
     series = record.truth.channel("disturbance")
-    white = np.full(sampled_motion.unitary_bins(series).size, float(series.var()))
+    white = np.full(sampling.unitary_bins(series).size, float(series.var()))
     return KnownNoise(_known_noise(record.signals.noise), white, scenario.route is DisturbanceRoute.DYNAMICS)
 
 
-def _known_noise(noises: Mapping[str, MeasurementNoise]) -> sampled_motion.NoiseModel:
+def _known_noise(noises: Mapping[str, MeasurementNoise]) -> sampling.NoiseModel:
     """Strengths and orders that a scenario's record really has; no disturbance."""
     variances, orders = [], []
     for name in ("input", "velocity_z", "acceleration_z"):
@@ -161,12 +161,10 @@ def _known_noise(noises: Mapping[str, MeasurementNoise]) -> sampled_motion.Noise
         orders.append(noise.order if isinstance(noise, FractionalNoise) else 0.0)
     if orders[0] != 0.0:
         raise ParameterError("white noise of the input, for a bound", "fractional noise", "Use WhiteNoise.")
-    return sampled_motion.NoiseModel(
-        variances[0], np.array([*variances[1:], 0.0]), np.array([*orders[1:], 0.0])
-    )
+    return sampling.NoiseModel(variances[0], np.array([*variances[1:], 0.0]), np.array([*orders[1:], 0.0]))
 
 
-def _shaped_noise_information(known: KnownNoise, motion: sampled_motion.SampledMotion) -> float:
+def _shaped_noise_information(known: KnownNoise, motion: sampling.SampledMotion) -> float:
     """tr(R^-1 R_K R^-1 R_K), of a disturbance that the friction shapes, summed over bins."""
     record, h, noise = motion.record, motion.pushed, known.noise
     power = known.disturbance[:, None, None]
