@@ -5,13 +5,22 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
 from eivor import checks
 from eivor.errors import ParameterError
-from eivor.motions.rigid_body.dynamics import Components, Triple, Value, into_body, rotation, stacked, turned
+from eivor.motions.rigid_body.dynamics import (
+    Components,
+    Triple,
+    Value,
+    into_body,
+    rotation,
+    stacked,
+    together,
+    turned,
+)
 from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
@@ -257,8 +266,9 @@ def mixers_side_by_side(vehicles: Sequence[Vehicle]) -> Mixer:
 class DelayLine:
     """What is on its way, one step of delay or more, alike or not for flights side by side."""
 
-    def __init__(self, late: Int[np.ndarray, " flights"], before: Sequence[Value] | None = None) -> None:
-        self._late, self._alike, self._longest = late, bool(np.all(late == late[0])), int(late.max())
+    def __init__(self, delay_s: Any, step_s: float, before: Sequence[Value] | None = None) -> None:
+        self._late = late = np.rint(np.array(delay_s) / step_s).astype(np.int64)
+        self._alike, self._longest = bool(np.all(late == late[0])), int(late.max())
         self._past: deque[list[Value]] = deque(maxlen=self._longest + 1)
         self._rings = [] if before is None else self._filled(list(before))
         self._step = 0
@@ -325,10 +335,23 @@ class Sensor:
         if self.cutoff_hz:
             from scipy.signal import lfilter, lfilter_zi
 
-            b, a = low_pass(self.cutoff_hz, step_s)
+            b, a = map(np.array, self.low_pass(step_s))
             filtered = lfilter(b, a, raw, axis=0, zi=np.outer(lfilter_zi(b, a), raw[0]))[0]
         rows = np.maximum(np.arange(raw.shape[0]) - late, 0)
         return filtered[rows]
+
+    def low_pass(self, step_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Numerator and denominator of the filter at a rate; without one what leaves all as it is."""
+        if not self.cutoff_hz:
+            return (1.0, 0.0, 0.0), (1.0, 0.0, 0.0)
+        from scipy.signal import butter
+
+        if not self.cutoff_hz < 0.5 / step_s:
+            expected = "a filter whose cut-off lies below half the simulation's rate"
+            received = f"{self.cutoff_hz:g} Hz at {1.0 / step_s:g} Hz"
+            raise ParameterError(expected, received, "Lower it, or raise the rate.")
+        b, a = butter(2, self.cutoff_hz, fs=1.0 / step_s)
+        return tuple(b.tolist()), tuple(a.tolist())
 
     def rows(self, count: int, step_s: float) -> Int[np.ndarray, " rows"]:
         first = round(self.offset_s / step_s)
@@ -346,33 +369,20 @@ class Sensor:
         return rows * step_s + np.clip(error, -most, most)
 
 
-def low_pass(cutoff_hz: float, step_s: float) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """Numerator and denominator of the filter at a rate; see `Sensor`."""
-    from scipy.signal import butter
-
-    if not cutoff_hz < 0.5 / step_s:
-        expected = "a filter whose cut-off lies below half the simulation's rate"
-        received = f"{cutoff_hz:g} Hz at {1.0 / step_s:g} Hz"
-        raise ParameterError(expected, received, "Lower it, or raise the rate.")
-    b, a = butter(2, cutoff_hz, fs=1.0 / step_s)
-    return np.asarray(b), np.asarray(a)
-
-
 class LiveFilter:
     """A sensor's filter and delay while a flight goes on, on components; the same numbers as `readings`."""
 
-    def __init__(
-        self, filtered: tuple[tuple[Value, ...], tuple[Value, ...]] | None, late: Int[np.ndarray, " flights"]
-    ) -> None:
-        self._filter = filtered
-        self._late = DelayLine(late)
+    def __init__(self, sensors: Sequence[Sensor], step_s: float) -> None:
+        parts = [sensor.low_pass(step_s) for sensor in sensors]
+        self._filter = together(parts) if any(sensor.cutoff_hz for sensor in sensors) else None
+        self._late = DelayLine([sensor.delay_s for sensor in sensors], step_s)
         self._state: list[tuple[Value, Value]] | None = None
 
     def read(self, raw: list[Value]) -> list[Value]:
         """Reading that the controller gets, one component for each axis."""
         if self._filter is None:
             return self._late.pass_on(raw)
-        (b0, b1, b2), (a1, a2) = self._filter
+        (b0, b1, b2), (_, a1, a2) = self._filter
         if self._state is None:
             self._state = [((1.0 - b0) * x, (b2 - a2) * x) for x in raw]
         read, state = [], []

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import version
-from typing import Annotated, Generic, TypeAlias, TypeVar
+from typing import Annotated, Generic, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -73,20 +73,15 @@ class SensorNoise:
         return np.asarray(fractional_difference(white, ORDERS[name]) / np.sqrt(mean_variance))
 
 
+def simulated_channel(name: str, simulator: str, time_s: Series, values: Series) -> Channel:
+    """Channel of a simulated log, with the unit and the hold of its name."""
+    held, unit = held_by_default(name), unit_of(name)
+    return Channel(name, time_s, values, unit, source=simulator, held=held, estimated=False)
+
+
 def simulated_recording(name: str, simulator: str, time_s: Series, series: Mapping[str, Series]) -> Recording:
     """Log of a simulated flight whose rotors' thrust goes with the square of their state."""
-    channels = {
-        key: Channel(
-            key,
-            time_s,
-            values.copy(),
-            unit_of(key),
-            source=simulator,
-            held=held_by_default(key),
-            estimated=False,
-        )
-        for key, values in series.items()
-    }
+    channels = {key: simulated_channel(key, simulator, time_s, each.copy()) for key, each in series.items()}
     parameters = {CONTROLLER_RATE: (time_s.size - 1) / float(time_s[-1] - time_s[0])}
     return Recording(name, "simulation", channels, Frame.Z_UP, parameters=parameters, input_map="square")
 
@@ -113,8 +108,7 @@ class TrajectoryKind(StrEnum):
 OWN_HEIGHT = frozenset({TrajectoryKind.CLIMBS, TrajectoryKind.HOVER_STEPS})
 
 
-@dataclass(frozen=True, slots=True)
-class Trajectory:
+class Trajectory(NamedTuple):
     """Altitude reference and its derivatives on the log's grid."""
 
     position: Series  # [m]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatch
 from itertools import count, groupby
-from typing import Annotated, Any, TypeAlias
+from operator import attrgetter
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from eivor.errors import ParameterError
 from eivor.motions.rigid_body import dynamics
 from eivor.motions.rigid_body.dynamics import Body, Triple, Value, specific_force
 from eivor.motions.rigid_body.vehicle import Rotors, Vehicle
-from eivor.signals.channels import held_by_default, roll_pitch_yaw, unit_of
+from eivor.signals.channels import roll_pitch_yaw
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
 from eivor.simulation import controller, environment
@@ -25,7 +26,7 @@ from eivor.simulation.controller import FlightController, LiveFilter, Sensor, co
 from eivor.simulation.environment import KnownLog
 from eivor.simulation.excitation import Disturbance, Excitation
 from eivor.strict_toml import package_tables
-from eivor.tools import Float, Int
+from eivor.tools import Float
 
 #: State of the body, and of its rotors.
 Moved: TypeAlias = tuple[Body, list[Value]]
@@ -221,6 +222,15 @@ class RigidBodyFlightSpec:
         return round(self.duration * self.rate_hz)
 
 
+Series: TypeAlias = Float[np.ndarray, " n"]
+Vectors: TypeAlias = Float[np.ndarray, "n 3"]
+
+#: Sensors that the controller reads; and all, in the order of their streams of randomness.
+SENSES = ("angular_rate", "attitude", "velocity", "position")
+SENSORS = (*SENSES, "specific_force", "rotor_speed")
+about = attrgetter("roll", "pitch", "yaw")
+
+
 @dataclass(frozen=True, slots=True)
 class Surroundings:
     """What one flight meets, a row for each step."""
@@ -230,39 +240,38 @@ class Surroundings:
     injected: Float[np.ndarray, "n 3"]
     wind: Float[np.ndarray, "n 3"]  # Velocity of the air [m/s]
     disturbance: Float[np.ndarray, "n 3"]  # Torque from outside [N m]
-    rate_error: Float[np.ndarray, "n 3"]
-    attitude_error: Float[np.ndarray, "n 3"]
-    velocity_error: Float[np.ndarray, "n 3"]
-    position_error: Float[np.ndarray, "n 3"]
-    force_error: Float[np.ndarray, "n 3"]
-    speed_error: Float[np.ndarray, "n rotors"]
+    errors: Mapping[str, Float[np.ndarray, "n _"]]  # Of each sensor, on its axes
 
 
 def surroundings_of(spec: RigidBodyFlightSpec) -> Surroundings:
     """Draw everything that a flight meets."""
     height, angles, injected, air, torque, *sensing = streams(spec.seed)
-    count, step_s, sensors = spec.count, spec.step_s, spec.sensors
+    count, step_s, wind = spec.count, spec.step_s, spec.wind
+
+    def series(rng: np.random.Generator, *sources: Excitation | None) -> Vectors:
+        """Each source's series from a stream of its own; zeros where there is none."""
+        pairs = zip(sources, rng.spawn(len(sources)), strict=True)
+        each = [of.sample(count, step_s, stream) if of else np.zeros(count) for of, stream in pairs]
+        return np.column_stack(each)
+
     reference = environment.altitude_reference(
         spec.trajectory, count=count, step_s=step_s, rng=height, vigour=spec.vigour
     )
-    accelerations = _series(_about(spec.torque_disturbance), count, step_s, torque)
-    rotors = spec.vehicle.rotors.count
-    of_speeds = sensors.rotor_speed
     period = round(spec.rate_hz / spec.controller.rate_hz)
     held = np.arange(count) // period * period  # what is injected is held as torque setpoints are
+    axes = dict.fromkeys(SENSORS, 3) | {"rotor_speed": spec.vehicle.rotors.count}
+    sensors = {name: getattr(spec.sensors, name) for name in SENSORS}
     return Surroundings(
-        height=np.column_stack([reference.position, reference.velocity, reference.acceleration]),
-        attitude=quaternions(_series(_about(spec.attitude), count, step_s, angles)),
-        injected=_series(_about(spec.injection), count, step_s, injected)[held],
-        wind=np.array(spec.wind.steady)
-        + _series((spec.wind.x, spec.wind.y, spec.wind.z), count, step_s, air),
-        disturbance=accelerations @ spec.vehicle.inertia_matrix,
-        rate_error=sensors.angular_rate.errors(count, 3, sensing[0]),
-        attitude_error=sensors.attitude.errors(count, 3, sensing[1]),
-        velocity_error=sensors.velocity.errors(count, 3, sensing[2]),
-        position_error=sensors.position.errors(count, 3, sensing[3]),
-        force_error=sensors.specific_force.errors(count, 3, sensing[4]),
-        speed_error=of_speeds.errors(count, rotors, sensing[5]) if of_speeds else np.zeros((count, rotors)),
+        height=np.column_stack(reference),
+        attitude=quaternions(series(angles, *about(spec.attitude))),
+        injected=series(injected, *about(spec.injection))[held],
+        wind=np.array(wind.steady) + series(air, wind.x, wind.y, wind.z),
+        disturbance=series(torque, *about(spec.torque_disturbance)) @ spec.vehicle.inertia_matrix,
+        errors={
+            name: sensor.errors(count, axes[name], rng)
+            for (name, sensor), rng in zip(sensors.items(), sensing, strict=False)
+            if sensor
+        },
     )
 
 
@@ -277,22 +286,6 @@ def quaternions(angles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
     return np.column_stack(
         [a * b * c + d * e * f, d * b * c - a * e * f, a * e * c + d * b * f, a * b * f - d * e * c]
     )
-
-
-def _about(axes: AxisExcitations | TorqueDisturbance) -> tuple[Excitation | None, ...]:
-    return axes.roll, axes.pitch, axes.yaw
-
-
-def _series(
-    sources: tuple[Excitation | None, ...], count: int, step_s: float, rng: np.random.Generator
-) -> Float[np.ndarray, "count axes"]:
-    """Each source's series from a stream of its own; zeros where there is none."""
-    streams = rng.spawn(len(sources))
-    series = [
-        np.zeros(count) if source is None else source.sample(count, step_s, stream)
-        for source, stream in zip(sources, streams, strict=True)
-    ]
-    return np.column_stack(series)
 
 
 def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
@@ -318,10 +311,6 @@ def _thrust_map(rotors: Rotors) -> str:
     if not rotors.thrust_quadratic:
         return "linear"
     return f"mixed:{rotors.thrust_quadratic / (rotors.thrust_linear + rotors.thrust_quadratic)!r}"
-
-
-Series: TypeAlias = Float[np.ndarray, " n"]
-Vectors: TypeAlias = Float[np.ndarray, "n 3"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -367,9 +356,6 @@ _Rows: TypeAlias = Sequence[dynamics.Components] | Float[np.ndarray, "n _ flight
 #: Body, rotor speeds, commands, thrust, torques and wanted rates of a step.
 _Moment: TypeAlias = tuple[Body, list[Value], list[Value], Value, Triple, Triple]
 
-#: What the loop reads at each step; the rest is of the log.
-READ = Surroundings.__slots__[:9]
-
 #: Shapes of the parts of a moment, of one flight.
 _SHAPES: tuple[tuple[int, ...], ...] = ((13,), (-1,), (-1,), (), (3,), (3,))
 
@@ -382,8 +368,8 @@ def _moments(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) 
         controller.gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s)
         for spec in specs
     ]
-    cascade = controller.Cascade(_together(gains), 1.0 / control.rate_hz, 1.0 / control.height_hz)
-    senses = [_filter_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES]
+    cascade = controller.Cascade(dynamics.together(gains), 1.0 / control.rate_hz, 1.0 / control.height_hz)
+    senses = [LiveFilter([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES]
     mixer = controller.mixer_of(vehicles[0]) if alone else controller.mixers_side_by_side(vehicles)
     stepper = runge_kutta(
         dynamics.coefficients_of(vehicles[0]) if alone else dynamics.side_by_side(vehicles), step_s
@@ -391,7 +377,7 @@ def _moments(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) 
     body: Body = _start(met[0]).tolist() if alone else np.stack([_start(item) for item in met], axis=1)
     hover = np.tile([vehicle.hover_speed for vehicle in vehicles], (vehicles[0].rotors.count, 1))
     speeds: list[Value] = hover[:, 0].tolist() if alone else [hover]
-    line = controller.DelayLine(_steps(late, step_s), speeds)
+    line = controller.DelayLine(late, step_s, speeds)
     every, attitude_every, height_every = (
         round(first.rate_hz / hz) for hz in (control.rate_hz, control.attitude_hz, control.height_hz)
     )
@@ -404,7 +390,7 @@ def _moments(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) 
         if now == 0:
             read, moments = _read(met, k), list[_Moment]()
         seen = (
-            _sum(body[10:13], read["rate_error"][now]),
+            _sum(body[10:13], read["angular_rate_error"][now]),
             dynamics.turned(body[6:10], *read["attitude_error"][now]),
             _sum(body[3:6], read["velocity_error"][now]),
             _sum(body[0:3], read["position_error"][now]),
@@ -435,40 +421,16 @@ def _moments(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) 
 
 def _read(met: Sequence[Surroundings], start: int) -> dict[str, _Rows]:
     """What the loop reads of the next steps: floats of one flight, arrays of several."""
-    rows = {name: [getattr(item, name)[start : start + CHUNK] for item in met] for name in READ}
+    part = slice(start, start + CHUNK)
+    series = ("height", "attitude", "injected", "wind", "disturbance")
+    rows = {name: [getattr(item, name)[part] for item in met] for name in series}
+    rows |= {f"{name}_error": [item.errors[name][part] for item in met] for name in SENSES}
     return {name: of[0].tolist() if len(met) == 1 else np.stack(of, axis=-1) for name, of in rows.items()}
-
-
-def _together(each: Sequence[Any]) -> Any:
-    """Floats of one flight as they are, those of several as arrays whose last axis is the flight."""
-    return each[0] if len(each) == 1 else dynamics.stacked(each)
-
-
-#: Sensors that the controller reads, as the loop reads them.
-SENSES = ("angular_rate", "attitude", "velocity", "position")
 
 
 def _start(met: Surroundings) -> Float[np.ndarray, " 13"]:
     height, climb, _ = met.height[0]
     return np.array([0.0, 0.0, height, *met.wind[0, :2], climb, *met.attitude[0], 0.0, 0.0, 0.0])
-
-
-def _filter_of(sensors: Sequence[Sensor], step_s: float) -> LiveFilter:
-    parts = [_coefficients(sensor, step_s) for sensor in sensors]
-    late = _steps([sensor.delay_s for sensor in sensors], step_s)
-    return LiveFilter(_together(parts) if any(sensor.cutoff_hz for sensor in sensors) else None, late)
-
-
-def _steps(times_s: Sequence[float], step_s: float) -> Int[np.ndarray, " flights"]:
-    return np.array([round(time_s / step_s) for time_s in times_s])
-
-
-def _coefficients(sensor: Sensor, step_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Numerator, and denominator after its 1; of a sensor without a filter what leaves all as it is."""
-    if not sensor.cutoff_hz:
-        return (1.0, 0.0, 0.0), (0.0, 0.0)
-    b, a = controller.low_pass(sensor.cutoff_hz, step_s)
-    return tuple(b.tolist()), tuple(a[1:].tolist())
 
 
 def _sum(first: dynamics.Components, second: dynamics.Components) -> list[Value]:
@@ -484,15 +446,12 @@ def recording_of(
     """Log of a flight."""
     rng = streams(spec.seed)[-1]
     channels: dict[str, Channel] = {}
-    for sensor, series in (*_measured(spec, met, flight, force), *_logged_series(spec, met, flight)):
+    for sensor, series in _logged_together(spec, met, flight, force):
         rows = sensor.rows(spec.count, spec.step_s)
         time_s = sensor.stamps(rows, spec.step_s, rng)
         for name, values in series.items():
             if not any(fnmatch(name, item) for item in spec.logged.omitted):
-                held, unit = held_by_default(name), unit_of(name)
-                channels[name] = Channel(
-                    name, time_s, values[rows], unit, source=SIMULATOR, held=held, estimated=False
-                )
+                channels[name] = environment.simulated_channel(name, SIMULATOR, time_s, values[rows])
     logged_hz = [rate or math.inf for rate in (spec.logged.rotor_command_hz, spec.logged.setpoint_hz)]
     whole = min(logged_hz) >= spec.controller.rate_hz
     return Recording(
@@ -505,30 +464,24 @@ def recording_of(
     )
 
 
-def _measured(
+def _logged_together(
     spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Vectors
-) -> list[tuple[Sensor, dict[str, Series]]]:
-    sensors, step_s, body = spec.sensors, spec.step_s, flight.body
-    attitude = np.column_stack(dynamics.turned(list(body[:, 6:10].T), *met.attitude_error.T))
-    raw: list[tuple[Sensor | None, str, controller.Readings, Iterable[object]]] = [
-        (sensors.angular_rate, "angular_rate", body[:, 10:13] + met.rate_error, "xyz"),
-        (sensors.specific_force, "specific_force_body", force + met.force_error, "xyz"),
-        (sensors.velocity, "velocity", body[:, 3:6] + met.velocity_error, "xyz"),
-        (sensors.position, "position", body[:, 0:3] + met.position_error, "xyz"),
-        (sensors.attitude, "attitude", attitude, "wxyz"),
-        (sensors.rotor_speed, "rotor_speed", flight.rotor_speed + met.speed_error, count(1)),
-    ]
-    return [
-        (sensor, _named(stem, sensor.readings(values, step_s), parts))
-        for sensor, stem, values, parts in raw
-        if sensor is not None
-    ]
-
-
-def _logged_series(
-    spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord
-) -> list[tuple[Sensor, dict[str, Series]]]:
-    logged = spec.logged
+) -> Iterator[tuple[Sensor, dict[str, Series]]]:
+    """What each sensor measures; commands, setpoints and references."""
+    body, logged = flight.body, spec.logged
+    attitude = np.column_stack(dynamics.turned(list(body[:, 6:10].T), *met.errors["attitude"].T))
+    measured: tuple[tuple[str, str, controller.Readings, Iterable[object]], ...] = (
+        ("angular_rate", "angular_rate", body[:, 10:13], "xyz"),
+        ("specific_force", "specific_force_body", force, "xyz"),
+        ("velocity", "velocity", body[:, 3:6], "xyz"),
+        ("position", "position", body[:, 0:3], "xyz"),
+        ("attitude", "attitude", attitude, "wxyz"),
+        ("rotor_speed", "rotor_speed", flight.rotor_speed, count(1)),
+    )
+    for name, stem, values, parts in measured:
+        if sensor := getattr(spec.sensors, name):
+            raw = values if name == "attitude" else values + met.errors[name]
+            yield sensor, _named(stem, sensor.readings(raw, spec.step_s), parts)
     setpoints = {
         "input": flight.thrust,
         **_named("torque_setpoint", flight.torque, "xyz"),
@@ -536,13 +489,12 @@ def _logged_series(
     }
     if met.injected.any():
         setpoints |= _named("injected_torque", met.injected, "xyz")
+    yield Sensor(rate_hz=logged.rotor_command_hz), _named("rotor_command", flight.rotor_command, count(1))
+    yield Sensor(rate_hz=logged.setpoint_hz), setpoints
     height = ("reference_position_z", "reference_velocity_z", "reference_acceleration_z")
     references = (*height, "reference_roll", "reference_pitch", "reference_yaw")
     series = [*met.height.T, *roll_pitch_yaw(met.attitude.T)]
-    rates = (logged.rotor_command_hz, logged.setpoint_hz, logged.reference_hz)
-    commands = _named("rotor_command", flight.rotor_command, count(1))
-    all_series = (commands, setpoints, dict(zip(references, series, strict=True)))
-    return [(Sensor(rate_hz=rate), each) for rate, each in zip(rates, all_series, strict=True)]
+    yield Sensor(rate_hz=logged.reference_hz), dict(zip(references, series, strict=True))
 
 
 def _named(stem: str, series: Float[np.ndarray, "n parts"], parts: Iterable[object]) -> dict[str, Series]:

@@ -87,8 +87,7 @@ def simulate_vertical(
     z, v = environment.reference_position[0].copy(), environment.reference_velocity[0].copy()
     integral = np.zeros(flights)
     out = SimulatedMotion(*(np.empty((count, flights)) for _ in range(5)))
-    late = np.rint(vehicles.delay_s / step_s * SUBSTEPS).astype(np.int64)
-    line = DelayLine(late, [hover])
+    line = DelayLine(vehicles.delay_s, step_s / SUBSTEPS, [hover])
     substep = ExactSubstep(vehicles, step_s / SUBSTEPS)
     lifts = environment.cos_tilt if gain_share is None else gain_share * environment.cos_tilt
     for k in range(count):
@@ -252,8 +251,7 @@ def _surroundings(spec: VerticalFlightSpec) -> tuple[VerticalEnvironment, Sample
     smooth = actuator_state(angles, step_s=STEP_S, lag_s=TILT_SMOOTHING_S, delay_s=0.0)
     errors = spec.noise.errors(count, 2, sensors)
     noises = (errors[name][:, 0] for name in ("position", "velocity", "acceleration"))
-    references = (reference.position, reference.velocity, reference.acceleration)
-    met = [*references, wind[:, 0], np.cos(smooth).prod(axis=1), *noises]
+    met = [*reference, wind[:, 0], np.cos(smooth).prod(axis=1), *noises]
     return VerticalEnvironment(*met), np.cos(smooth + errors["attitude"]).prod(axis=1)
 
 

@@ -103,6 +103,11 @@ def stacked(values: Sequence[Any], **given: Any) -> Any:
     return np.array(values, dtype=np.float64)
 
 
+def together(each: Sequence[Any]) -> Any:
+    """Floats of one flight as they are, those of several as arrays whose last axis is the flight."""
+    return each[0] if len(each) == 1 else stacked(each)
+
+
 @dataclass(frozen=True, slots=True)
 class EffectiveParameters:
     """What the equations of motion hold, at hover in still air."""
