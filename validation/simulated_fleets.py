@@ -13,7 +13,7 @@ import numpy as np
 from eivor.errors import UsageError
 from eivor.inference.distributions import normal_quantile
 from eivor.logs.table.columnar import write_recording
-from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.recording import GRAVITY
 from eivor.simulation.vertical import VerticalFlightSpec, logs_of_flights
 from eivor.tools import Float, Int
 

@@ -32,11 +32,10 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import triangle_mean
 from eivor.flights.references import SLOPE_S, measured_resets, with_headed_references
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import vertical_flight
 from eivor.motions.vertical.select import vertical_row
 from eivor.signals.filters import fast_length
-from eivor.signals.recording import Channel, Frame, Recording
+from eivor.signals.recording import GRAVITY, Channel, Frame, Recording
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
 GRID = Grid(1.0, 0.01, (range(300),))

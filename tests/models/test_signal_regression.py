@@ -42,10 +42,11 @@ from eivor.models.regression import AxisRows, Column, Equation, Parameter, Sampl
 from eivor.models.separable import LaggedInputs, LaggedReferences, NoInstruments, Nuisance
 from eivor.models.signal_regression import SignalRegression, cross_fitted
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
-from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.regression import VerticalFlight, vertical_problem
 from eivor.signals.filters import actuator_state, first_order_lag
 from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
 from refusal_rows import calls, rows, table
 

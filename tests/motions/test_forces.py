@@ -13,7 +13,6 @@ from eivor.estimation.methods import by_name, identify
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import SimpleModel
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import NoInstruments
@@ -38,7 +37,7 @@ from eivor.motions.rigid_body.regression import (
     force_by_velocity,
     inferred_velocity,
 )
-from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import Sensors
@@ -243,14 +242,12 @@ def test_couplings_that_are_not_told_leave_three_columns(problem, free):
 
 def test_predictions_know_what_all_axes_have():
     values = combinations(effective_parameters(SPINNING)) | {REACTION.name: ONE_INERTIA / THIRD}
-    models = {"fit": SimpleModel("", values), "other": SimpleModel("", {REACTION.name: 2.0})}
-    spin_moments = verdict.with_gyroscopic_moments(models, "fit")
+    fit, other = verdict.with_gyroscopic_moments([values, {REACTION.name: 2.0}])
     for item, inertia in zip(GYROSCOPIC_MOMENT, (FIRST, SECOND), strict=True):
-        assert spin_moments["fit"].values[item.name] == pytest.approx(ONE_INERTIA / inertia)
-        assert spin_moments["other"].values[item.name] == pytest.approx(2.0 * THIRD / inertia)
+        assert fit[item.name] == pytest.approx(ONE_INERTIA / inertia)
+        assert other[item.name] == pytest.approx(2.0 * THIRD / inertia)
     of_its_own = dict(zip((item.name for item in GYROSCOPIC_MOMENT), (3.0, 4.0), strict=True))
-    before = {"fit": SimpleModel("", values | of_its_own)}
-    assert verdict.with_gyroscopic_moments(before, "fit") == before
+    assert verdict.with_gyroscopic_moments([values | of_its_own]) == [values | of_its_own]
 
 
 # Vehicle files: what they hold, and what each mistake in one is answered with.

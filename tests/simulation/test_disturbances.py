@@ -32,7 +32,7 @@ from eivor.lab.disturbances import (
     paper_disturbance,
 )
 from eivor.lab.records import Control, DisturbanceRoute, moved
-from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.recording import GRAVITY
 from eivor.simulation.excitation import (
     DrydenGust,
     FilteredWhite,

@@ -52,8 +52,9 @@ from eivor.lab.records import SimulatedRecord
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import lags
 from eivor.models.signal_regression import SignalRegression
-from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.motions.vertical.model import VerticalMotion
 from eivor.signals.noise import fractional_weights
+from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.tools import Float
 from validation.pages import markdown

@@ -22,12 +22,11 @@ from jaxtyping import Float
 
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.model import GRAVITY
 from eivor.planning.plan import FlightPlan
 from eivor.planning.vehicle import TARGETS, FlightLimits
 from eivor.report.other_results import plan
 from eivor.signals.filters import actuator_state
-from eivor.signals.recording import Recording
+from eivor.signals.recording import GRAVITY, Recording
 from eivor.simulation.environment import (
     SensorNoise,
     Trajectory,

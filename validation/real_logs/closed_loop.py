@@ -25,8 +25,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from eivor.errors import EivorError, UsageError
-from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
+from eivor.signals.recording import GRAVITY
 from eivor.simulation.environment import (
     SensorNoise,
     Trajectory,

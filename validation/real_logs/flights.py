@@ -9,10 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.logs.common import on_channel_clock
-from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.filters import actuator_state
-from eivor.signals.recording import Channel, Frame, Recording, clean_channel
+from eivor.signals.recording import GRAVITY, Channel, Frame, Recording, clean_channel
 from eivor.simulation.environment import Errors, NoiseKind, SensorNoise, Trajectory, TrajectoryKind
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 from validation.real_logs.closed_loop import STEP_S, FlightSpec, Flown, Jitter, fly_own, stream

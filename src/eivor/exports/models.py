@@ -19,7 +19,7 @@ from eivor.logs.channel_map import Expression
 from eivor.models.frequency_response import python_control
 from eivor.motions.machine import Machine, SolvedEquation
 from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, speed_derivative
-from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import Mixed, Power
 from eivor.simulation.rigid_body import quaternions
 from eivor.tools import Float

@@ -16,7 +16,8 @@ from eivor.exports.autopilots import ARDUPILOT, AUTOPILOTS, PX4, mission_planner
 from eivor.exports.fitted import Exported, Fitted, Supplied, Target, hash_comments, one_line, xml_comments
 from eivor.exports.models import DRAWN_MODELS, MODELS
 from eivor.exports.vehicle import Columns, ExportOfDraws, VehicleDescription
-from eivor.motions.vertical.model import GRAVITY, share_of
+from eivor.motions.vertical.model import share_of
+from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import Mixed
 from eivor.tools import Float
 

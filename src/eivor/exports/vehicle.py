@@ -27,7 +27,7 @@ from eivor.motions.rigid_body.vehicle import (
     Rotors,
     Vehicle,
 )
-from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import InputMap
 from eivor.simulation.rigid_body import STILL, runge_kutta
 from eivor.strict_toml import package_tables

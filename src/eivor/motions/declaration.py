@@ -98,10 +98,10 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     let: dict[str, Any] = {}
     actuators: dict[str, Any] = {}
     derived: dict[str, Any] = {}
-    active: dict[str, Any] | None = None
+    active: _Active | None = None
     instruments: dict[str, Any] | None = None
-    quality: dict[str, Any] = {}
-    band: dict[str, Any] | None = None
+    quality: _Quality = msgspec.field(default_factory=_Quality)
+    band: _Band | None = None
     axes: dict[str, Any] = {}
 
 
@@ -324,7 +324,7 @@ def machine_of(top: TomlTable) -> Machine:
     if len(terms) < sum(len(axis.terms) for axis in axes):
         raise top.wrong("axes", "parameters with names of their own", "one name in two axes", "Rename one.")
     derived = _derived(top, terms)
-    quality = top.part("quality").convert(_Quality) if given.quality else _Quality()
+    quality = given.quality
     headline = tuple(quality.headline) or tuple(t.name for t in terms.values() if not t.is_intercept)
     known = (*terms, *(item.name for item in derived))
     for name in headline:
@@ -355,8 +355,8 @@ def machine_of(top: TomlTable) -> Machine:
         given.log or f"Log {', '.join(channel.name for channel in logged)} at 50 Hz or more.",
         derived,
         (quality.half_width, quality.weak_half_width),
-        _activity(top, names, axes),
-        _band(top),
+        _activity(top, given.active, names, axes),
+        _band(top, given.band),
         top.values,
         next(iter(delays.values()), ((0.0,), (0.0,))),
     )
@@ -592,12 +592,10 @@ def _derived(top: TomlTable, terms: Mapping[str, Term]) -> tuple[Derived, ...]:
     return tuple(results)
 
 
-def _activity(top: TomlTable, names: _Names, axes: Sequence[AxisEquation]) -> Activity:
-    if "active" in top.values:
-        part = top.part("active")
-        when = part.convert(_Active).when
-        names.unit(part, "when", when)
-        return Activity(names.expanded(when))
+def _activity(top: TomlTable, given: _Active | None, names: _Names, axes: Sequence[AxisEquation]) -> Activity:
+    if given is not None:
+        names.unit(top.part("active"), "when", given.when)
+        return Activity(names.expanded(given.when))
     speeds = (speed for axis in axes for term in axis.terms for speed in _signs(term.of))
     return Activity("", tuple(dict.fromkeys(speeds)))
 
@@ -609,14 +607,13 @@ def _signs(text: str) -> Iterator[str]:
             yield ast.unparse(node.args[0]).replace("'", '"')
 
 
-def _band(top: TomlTable) -> tuple[float, float] | None:
-    if "band" not in top.values:
+def _band(top: TomlTable, given: _Band | None) -> tuple[float, float] | None:
+    if given is None:
         return None
-    part = top.part("band")
-    ends = part.convert(_Band).hz
-    if len(ends) != 2 or not 0.0 <= ends[0] < ends[1]:
-        raise part.wrong("hz", "[low, high] in Hz with low < high", f"{ends}", "Such as [0.05, 5].")
-    return ends[0], ends[1]
+    if len(given.hz) != 2 or not 0.0 <= given.hz[0] < given.hz[1]:
+        expected, received = "[low, high] in Hz with low < high", f"{given.hz}"
+        raise top.part("band").wrong("hz", expected, received, "Such as [0.05, 5].")
+    return given.hz[0], given.hz[1]
 
 
 def _shown(term: Term) -> str:

@@ -15,8 +15,8 @@ from eivor import checks
 from eivor.errors import InputError, UsageError
 from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status
-from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import first_order_lag
+from eivor.signals.recording import GRAVITY
 from eivor.simulation.vertical import AltitudeController
 from eivor.tools import Float
 

@@ -296,8 +296,8 @@ LEAST_BANDWIDTH = 8
 BANDWIDTH_EXPONENT = 0.65
 #: Orders that are searched: twice what a measurement noise may have.
 SEARCHED = (-1.0, 1.0)
-#: Steps at the most, by Newton's method or to the middle, and the last one.
-STEPS, CONVERGED = 60, 1e-14
+#: Accuracy of the one that is found.
+CONVERGED = 1e-14
 
 
 @dataclass(frozen=True, slots=True)
@@ -387,16 +387,14 @@ def _whittle(power: Float[np.ndarray, " m"], log_gain: Float[np.ndarray, " m"]) 
 
 def _root(log_power: Float[np.ndarray, " m"], nu: Float[np.ndarray, " m"]) -> float:
     """Order at which the slope of the convex likelihood is zero, or the end of the search that is nearest."""
-    (low, high), order = SEARCHED, 0.0
-    for _ in range(STEPS):
+    from scipy.optimize import brentq
+
+    def slope(order: float) -> float:
         scaled = log_power - 2.0 * order * nu
         weights = np.exp(scaled - scaled.max())
-        weights /= weights.sum()
-        slope = float(weights @ nu)
-        low, high = (order, high) if slope > 0.0 else (low, order)
-        following = order + 0.5 * slope / max(float(weights @ nu**2) - slope**2, np.finfo(np.float64).tiny)
-        following = following if low < following < high else 0.5 * (low + high)
-        if abs(following - order) <= CONVERGED:
-            break
-        order = following
-    return following
+        return float(weights @ nu / weights.sum())
+
+    low, high = SEARCHED
+    if slope(low) <= 0.0 or slope(high) >= 0.0:
+        return low if slope(low) <= 0.0 else high
+    return float(brentq(slope, low, high, xtol=CONVERGED))

@@ -22,8 +22,8 @@ from eivor.motions.rigid_body.dynamics import (
     turned,
 )
 from eivor.motions.rigid_body.vehicle import Vehicle
-from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
+from eivor.signals.recording import GRAVITY
 from eivor.tools import Float, Int
 
 #: No loop is quicker than this, however quick the rotors are [1/s].

@@ -10,9 +10,8 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import ParameterError, UsageError
-from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
-from eivor.signals.recording import Recording
+from eivor.signals.recording import GRAVITY, Recording
 from eivor.simulation import environment as surroundings
 from eivor.simulation.controller import DelayLine
 from eivor.simulation.environment import KnownLog, SensorNoise, SimulatedFlight, TrajectoryKind, gusts

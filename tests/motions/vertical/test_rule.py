@@ -23,12 +23,13 @@ from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.verdict import Status, verdict
 from eivor.models.separable import LaggedInputs, LaggedReferences, NoInstruments
 from eivor.motions.vertical.misspecification import OmittedTerms
-from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.motion import Vertical, beyond, fitting_p_value, supply_findings, vertical_flight
 from eivor.motions.vertical.regression import ThrustDrift, check_terms
 from eivor.motions.vertical.select import QUANTITIES
 from eivor.motions.vertical.verdict import PARTS, RULES, VerticalChecks, near_ground
 from eivor.report.flight import log_documents
+from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import input_map
 from flights.flight_logs import changed, channel, flown, prepare_vertical
 

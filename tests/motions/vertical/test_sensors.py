@@ -31,13 +31,12 @@ from eivor.motions.vertical.misspecification import (
     sentence,
     turned,
 )
-from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import _run, dragged_run
 from eivor.report.json_document import json_document, json_text
 from eivor.report.outputs import saved_fit
 from eivor.report.saved_fit import fit_of
-from eivor.signals.recording import Channel
+from eivor.signals.recording import GRAVITY, Channel
 from flights.flight_logs import FRICTION, GAIN, HOVER, LAG_S, STEP_S, changed, flown
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")

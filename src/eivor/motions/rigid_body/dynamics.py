@@ -10,8 +10,8 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.motions.rigid_body.vehicle import Vehicle
-from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
+from eivor.signals.recording import GRAVITY
 from eivor.tools import Float
 
 #: A number of one flight, or those of several, or of several samples.

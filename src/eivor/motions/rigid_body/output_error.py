@@ -12,7 +12,6 @@ from scipy.optimize import least_squares
 from eivor.errors import TooFewSamplesError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.motion import Flights, Starts, starts_of
-from eivor.flights.quantity import SimpleModel
 from eivor.inference.covariance import CovariancePart, JointCovariance
 from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, DELAY
 from eivor.models.separable import Values
@@ -293,14 +292,14 @@ class Structure:
 
     def models(self, points: Sequence[Vector], flight: int) -> list[Values]:
         """Every number of the equations at points, in one flight."""
-        models = {}
-        for number, point in enumerate(points):
+        models = []
+        for point in points:
             values = {**self.values, **dict(zip(self.kept, point.tolist(), strict=False))}
             if self.clocks.size:
                 delay_s = values[DELAY.name] + float(point[len(self.kept) + flight])
                 values[DELAY.name] = max(delay_s, -np.inf if self.measured else 0.0)
-            models[str(number)] = SimpleModel("", values)
-        return [item.values for item in with_gyroscopic_moments(models, "0").values()]
+            models.append(values)
+        return with_gyroscopic_moments(models)
 
     def left(self, points: Sequence[Vector]) -> list[Float[np.ndarray, "points rows starts"]]:
         """What each flight's windows leave."""

@@ -17,7 +17,7 @@ from eivor.inference.covariance import CovariancePart, JointCovariance, JointEst
 from eivor.inference.verdict import Status
 from eivor.logs.channel_map import Expression, parse_expression
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
-from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import InputMap, Mixed, Power, input_map
 from eivor.tools import Float
 

@@ -21,8 +21,8 @@ from eivor.motions.rigid_body import dynamics, regression
 from eivor.motions.rigid_body.regression import GAIN, PAIRS, TERMS, THRUST, BodyMotion, RigidTerm
 from eivor.motions.rigid_body.vehicle import KnownVehicle, inertia_shares
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
-from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
+from eivor.signals.recording import GRAVITY
 from eivor.tools import Float, Int
 
 
@@ -263,31 +263,39 @@ def rigid_body_prediction(
     refused: frozenset[str],
 ) -> motion.MultiStepPrediction:
     """The state after each horizon, by each model and by rates and velocity at the start."""
-    first, *_ = models
-    models = with_gyroscopic_moments(models, first)
-    values, logged = models[first].values, [LoggedState(flight) for flight in flights]
+    made = with_gyroscopic_moments([model.values for model in models.values()])
+    values, logged = made[0], [LoggedState(flight) for flight in flights]
     identified = {*values, EFFECTIVE_LAG} - refused
     turns = tuple(item.name in identified for item in GAIN)
     placed = [axis for axis in range(3) if all(axis in item.placed for item in logged)]
     omitted = why_omitted(identified, logged, placed)
     zeros = [item.name for item in SMALL if WITH_DRAG.get(item.name, item.name) in refused]
-    kept = {name: value for name, value in values.items() if name not in zeros}
-    by_model = {**models, first: SimpleModel(models[first].words, kept)}
+    made[0] = {name: value for name, value in values.items() if name not in zeros}
 
     def errors(number: int, starts: motion.Starts) -> Iterator[motion.HorizonErrors]:
         if len(omitted) == len(PREDICTED) or not starts.samples.size:
             return
-        body, made = logged[number].body, [model.values for model in by_model.values()]
+        body, thrust = logged[number].body, THRUST.name in identified
         started, measured = body[:, starts.samples], body[:, starts.ends].transpose(1, 0, 2)
-        thrust = THRUST.name in identified
         propagator = StatePropagator(logged[number], vehicle, made, starts, turns, thrust)
-        states = dict(zip(by_model, propagator.propagate(started[:, None]), strict=True))
+        states = dict(zip(models, propagator.propagate(started[:, None]), strict=True))
         still = np.zeros((3, starts.samples.size))
         states[motion.UNCHANGED] = starts.propagate(started, lambda now, _: kinematics(now, still, still))
+
+        def error(model: str, quantity: str) -> motion.HorizonErrors:
+            """What is left of one quantity: of position along the axes on which it is logged."""
+            parts, unit = PREDICTED[quantity]
+            parts = placed if quantity == "position" else parts
+            pair = measured, states[model]
+            series = np.stack([item[-1, parts[0]] for item in pair], axis=1) if quantity in RATES else None
+            changes = [_distance(quantity, item[-1:, parts], started[None, parts])[0] for item in pair]
+            named = "height" if quantity == "position" and placed == [2] else quantity
+            left = _distance(quantity, states[model][:, parts], measured[:, parts]).T
+            words = models[model].words if model in models else STAYS
+            return motion.HorizonErrors(model, words, named, unit, left, np.stack(changes, axis=1), series)
+
         for quantity in (name for name in PREDICTED if name not in omitted):
-            for name, predicted in states.items():
-                words = by_model[name].words if name in by_model else STAYS
-                yield _error(name, words, quantity, predicted, measured, started, placed)
+            yield from (error(model, quantity) for model in states)
 
     by_reason: dict[str, list[str]] = {}
     for quantity, why in omitted.items():
@@ -299,37 +307,14 @@ def rigid_body_prediction(
     return motion.multi_step_predictions(flights, errors, tuple(sentences))
 
 
-def _error(
-    model: str,
-    words: str,
+def _distance(
     quantity: str,
-    predicted: Float[np.ndarray, "horizons 13 starts"],
-    measured: Float[np.ndarray, "horizons 13 starts"],
-    started: Float[np.ndarray, "13 starts"],
-    placed: list[int],
-) -> motion.HorizonErrors:
-    """What is left of one quantity: of position along the axes on which it is logged."""
-    parts, unit = PREDICTED[quantity]
-    parts = placed if quantity == "position" else parts
-
-    def between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """Size of the difference: of attitudes the angle of the turn."""
-        if quantity == "attitude":
-            return _angle(first[:, parts], second[:, parts])
-        return np.asarray(np.sqrt(((first[:, parts] - second[:, parts]) ** 2).sum(axis=1)))
-
-    pair = measured, predicted
-    series = np.stack([item[-1, parts[0]] for item in pair], axis=1) if quantity in RATES else None
-    changes = [between(states[-1:], started[None])[0] for states in pair]
-    named = "height" if quantity == "position" and placed == [2] else quantity
-    left = between(predicted, measured).T
-    return motion.HorizonErrors(model, words, named, unit, left, np.stack(changes, axis=1), series)
-
-
-def _angle(
-    first: Float[np.ndarray, "horizons 4 starts"], second: Float[np.ndarray, "horizons 4 starts"]
+    first: Float[np.ndarray, "horizons k starts"],
+    second: Float[np.ndarray, "horizons k starts"],
 ) -> Float[np.ndarray, "horizons starts"]:
-    """Angle of the turn from one attitude to another; the first of any length."""
+    """Size of the difference: of attitudes, the first of any length, the angle of the turn between them."""
+    if quantity != "attitude":
+        return np.asarray(np.sqrt(((first - second) ** 2).sum(axis=1)))
     first = first / np.sqrt((first**2).sum(axis=1, keepdims=True))
     separated, neighbours = (np.sqrt((item**2).sum(axis=1)) for item in (first - second, first + second))
     between = np.minimum(separated, neighbours)  # an attitude and its negative are one

@@ -19,9 +19,9 @@ from eivor.models.signal_regression import cross_fitted
 from eivor.motions.rates.motion import AXES, PITCH, ROLL
 from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Triple, felt, into_body, rotation
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
-from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.channels import family_members
 from eivor.signals.filters import Series, actuator_state, low_passed, shifted_by, time_derivative
+from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import input_map
 from eivor.tools import Float

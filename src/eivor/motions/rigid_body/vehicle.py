@@ -16,7 +16,7 @@ import numpy as np
 from eivor import checks
 from eivor.errors import EivorError, InputError, ParameterError, UsageError
 from eivor.inference.distributions import normal_quantile
-from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import input_map
 from eivor.strict_toml import ENDING, TomlFiles, TomlTable, package_tables
 from eivor.tools import Float

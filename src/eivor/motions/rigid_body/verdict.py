@@ -18,7 +18,7 @@ from eivor.estimation.methods import by_name, identify
 from eivor.flights import verdict
 from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SimpleModel
+from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec
 from eivor.inference.confidence_set import principal_axes
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.random_effects import homogeneity_p_value
@@ -180,22 +180,15 @@ def gyroscopic_moments(
     return {item.name: of_all.times(ratios[axis]) for axis, item in enumerate(GYROSCOPIC_MOMENT)}
 
 
-def with_gyroscopic_moments(models: Mapping[str, SimpleModel], fit: str) -> dict[str, SimpleModel]:
-    """Models of flights with J / Ixx and J / Iyy as well, by the ratios of the fit among them."""
-    values = models[fit].values
-    if (
-        not {terms.REACTION.name, *OF_INERTIAS} <= set(values)
-        or GYROSCOPIC_MOMENT[terms.ROLL_EQUATION].name in values
-    ):
-        return dict(models)
-    ratios = dict(zip([item.name for item in GYROSCOPIC_MOMENT], inertia_ratios(values), strict=True))
-
-    def with_moments(model: SimpleModel) -> SimpleModel:
-        of_all = model.values.get(terms.REACTION.name, 0.0)
-        moments = {name: ratio * of_all for name, ratio in ratios.items()}
-        return replace(model, values={**model.values, **moments})
-
-    return {name: with_moments(model) for name, model in models.items()}
+def with_gyroscopic_moments(models: Sequence[Values]) -> list[Values]:
+    """Values of models with J / Ixx and J / Iyy as well, by the ratios of the first."""
+    fit, names = models[0], [item.name for item in GYROSCOPIC_MOMENT]
+    if not {terms.REACTION.name, *OF_INERTIAS} <= set(fit) or names[0] in fit:
+        return list(models)
+    ratios = dict(zip(names, inertia_ratios(fit), strict=True))
+    of_all = [values.get(terms.REACTION.name, 0.0) for values in models]
+    pairs = zip(models, of_all, strict=True)
+    return [{**values, **{name: ratio * J for name, ratio in ratios.items()}} for values, J in pairs]
 
 
 # -- Consistency of lags --

@@ -19,11 +19,10 @@ from eivor.flights.prepared import Difference, PreparedFlight, SensorAgreement, 
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.regression import Parameter
 from eivor.motions.vertical import regression
-from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.regression import SUPPLY, TermColumn, VerticalFlights, explained, voltage
 from eivor.motions.vertical.select import rotated, vertical_row
 from eivor.signals.filters import first_order_lag
-from eivor.signals.recording import Channel, Finding
+from eivor.signals.recording import GRAVITY, Channel, Finding
 from eivor.tools import Float, capitalised
 
 # -- Omitted-variable tests --

@@ -149,9 +149,6 @@ def proposed(
     return (corners[0][0], (min(shares), max(shares))), (thrusts[0], (min(thrusts), max(thrusts)))
 
 
-#: Standard acceleration of gravity [m/s^2].
-GRAVITY = 9.80665
-
 VISCOUS_FRICTION = Parameter("viscous_friction", "1/s")
 INPUT_GAIN = Parameter("input_gain", "m/s^2")
 INTERCEPT = Parameter("intercept", "m/s^2")

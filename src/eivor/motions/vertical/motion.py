@@ -23,10 +23,10 @@ from eivor.models.separable import InstrumentRule, Prior, Values
 from eivor.motions.rigid_body.vehicle import load_vehicle
 from eivor.motions.vertical import command_limit, misspecification, regression, select, thrust_curve, verdict
 from eivor.motions.vertical.figures import key_figures
-from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
 from eivor.motions.vertical.regression import Balance, VerticalFlights, mean_voltage
-from eivor.signals.recording import Finding, Recording
+from eivor.signals.recording import GRAVITY, Finding, Recording
 from eivor.signals.thrust_map import Mixed, input_map
 from eivor.tools import plain
 

@@ -16,9 +16,9 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.models.spectral import densities
 from eivor.motions.vertical import regression
-from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION
+from eivor.motions.vertical.model import INPUT_GAIN, VISCOUS_FRICTION
 from eivor.motions.vertical.regression import QUADRATIC_DRAG, VerticalFlights
-from eivor.signals.recording import LARGEST_VALUE
+from eivor.signals.recording import GRAVITY, LARGEST_VALUE
 from eivor.tools import Bool, Float
 
 #: Most steps towards the best trim and start, and when they have arrived.

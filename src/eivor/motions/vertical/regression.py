@@ -20,11 +20,12 @@ from eivor.inference.distributions import normal_quantile, t_quantile
 from eivor.models import lagged_runs, separable
 from eivor.models.regression import Parameter
 from eivor.models.spectral import LINE_S
-from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION, VerticalMotion
+from eivor.motions.vertical.model import INPUT_GAIN, VISCOUS_FRICTION, VerticalMotion
 from eivor.motions.vertical.select import FittedCurve
 from eivor.signals.channels import family_members
 from eivor.signals.filters import actuator_state, shifted_by
 from eivor.signals.noise import WhiteNoise
+from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import InputMap, Power
 from eivor.tools import Float

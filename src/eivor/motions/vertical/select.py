@@ -14,8 +14,8 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.quantity import QuantityTable
 from eivor.flights.verdict import SLOW_COMMAND_HZ
-from eivor.motions.vertical.model import GRAVITY, CurveFamily
-from eivor.signals.recording import Channel, Finding, Recording
+from eivor.motions.vertical.model import CurveFamily
+from eivor.signals.recording import GRAVITY, Channel, Finding, Recording
 from eivor.tools import Float
 
 

@@ -19,11 +19,10 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
 from eivor.motions.vertical import misspecification
 from eivor.motions.vertical.misspecification import OFFSET, OTHER_UNIT_TIMES, SCALE, sentence
-from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.regression import GROUND, SUPPLY, TERMS, ThrustDrift, height_over_ground
 from eivor.motions.vertical.select import QUANTITIES, TABLES
 from eivor.signals.channels import CurveSide
-from eivor.signals.recording import Finding
+from eivor.signals.recording import GRAVITY, Finding
 from eivor.tools import Bool, Float
 
 # -- Checks --
