@@ -11,6 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from eivor import errors
+from eivor.errors import MissingNoiseError
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import OUTPUT_ERROR, LinearMethod, Method, OutputError
@@ -296,9 +297,7 @@ def estimated(state: FlightState, progress: Progress = no_stage_callback) -> Fli
             state = stage(state)
         return judge(state)
     except (errors.EstimationError, errors.TooFewSamplesError) as error:
-        return without_fit(
-            state, str(error), "" if isinstance(error, errors.MissingNoiseError) else words.fly
-        )
+        return without_fit(state, str(error), "" if isinstance(error, MissingNoiseError) else words.fly)
 
 
 def known_lag(state: FlightState) -> tuple[LagPrior | None, tuple[Finding, ...]]:

@@ -13,25 +13,12 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.flights import quantity
 from eivor.flights.grid import RECOVERY_S
 from eivor.flights.lag_prior import LAG_TABLES
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, SensorAgreement
-from eivor.flights.quantity import (
-    CoupledAxis,
-    Implications,
-    KeyFigure,
-    PlotData,
-    PredictedQuantity,
-    Quantity,
-    QuantityEstimate,
-    QuantitySpec,
-    QuantityTable,
-    SimpleModel,
-    Trace,
-    TrackedParameter,
-    Words,
-)
+from eivor.flights.quantity import CoupledAxis, Quantity, QuantityEstimate, SimpleModel, TrackedParameter
 from eivor.flights.references import ReferenceSource
 from eivor.flights.verdict import MotionChecks, Rule, SystematicPart
 from eivor.models.separable import InstrumentRule, SeparableProblem, Values
@@ -285,7 +272,7 @@ class Prediction(Generic[P]):
     #: To hold an estimate against
     simple_models: Callable[[P, Estimate], Mapping[str, SimpleModel]] = lambda *_: {}
     #: What parameters and nuisances say of flights; the farthest horizon comes last
-    another_flight: Callable[[P, Values], tuple[PredictedQuantity, ...]] | None = None
+    another_flight: Callable[[P, Values], tuple[quantity.PredictedQuantity, ...]] | None = None
     #: Some tenths of a second from many starts, by models and without refused quantities
     multi_step: Callable[[Flights, Mapping[str, SimpleModel], frozenset[str]], MultiStepPrediction] | None = (
         None
@@ -317,17 +304,17 @@ class Abilities:
     #: How the flights were flown, for JSON: what simulating another one needs
     closed_loop_record: Callable[[Any, Estimate, Flights], Mapping[str, object]] | None = None
     #: What follows from a vehicle's description
-    implications: Callable[[Estimate, Mapping[str, Quantity]], Implications] = lambda _fit, _quantities: (
-        Implications()
+    implications: Callable[[Estimate, Mapping[str, Quantity]], quantity.Implications] = (
+        lambda _fit, _quantities: quantity.Implications()
     )
     #: Quantities that flights determine without an estimate, and what their rules and systematic parts read
     known: Callable[[Flights], tuple[Mapping[str, QuantityEstimate], MotionChecks]] | None = None
     excitation: Callable[[Flights], str] = lambda _flights: ""  # How much flights moved, a sentence
     findings: Callable[[Flights, Mapping[str, Quantity]], tuple[Finding, ...]] = lambda *_: ()
     #: Key figures of flights, of their quantities and diagnostics
-    figures: Callable[[Flights, Mapping[str, Quantity], Mapping[str, float]], Iterable[KeyFigure]] = (
-        lambda *_: ()
-    )
+    figures: Callable[
+        [Flights, Mapping[str, Quantity], Mapping[str, float]], Iterable[quantity.KeyFigure]
+    ] = lambda *_: ()
     whitened: bool = False  # Direct methods need whitened rows
     profiled: bool = False  # Intervals of parameters are their profile sets, whatever the instruments
     lag_from: tuple[str, ...] = ()  # Motions that the same actuators make: they may identify the lag
@@ -339,7 +326,7 @@ class FlightView:
     """A flight in reports."""
 
     symbols: str  # What the symbols of the equation are in this flight
-    panels: tuple[PlotData, ...]  # Series to look at where nothing could be estimated
+    panels: tuple[quantity.PlotData, ...]  # Series to look at where nothing could be estimated
 
 
 class Motion(ABC, Generic[P]):
@@ -347,11 +334,11 @@ class Motion(ABC, Generic[P]):
 
     name: str
     """The command line's word."""
-    words: Words
+    words: quantity.Words
     """How reports speak of it."""
     equation: tuple[str, str]
     """The equation in one line, and what its symbols are."""
-    quantities: QuantityTable
+    quantities: quantity.QuantityTable
     """Every quantity; each joint parameter of the estimate is among them."""
     rules: tuple[Rule, ...]
     """When a sentence speaks against quantities: the table of its verdicts."""
@@ -379,7 +366,7 @@ class Motion(ABC, Generic[P]):
         return MotionChecks()
 
     @abstractmethod
-    def traces(self, problem: P, estimate: Estimate) -> tuple[Trace, ...]:
+    def traces(self, problem: P, estimate: Estimate) -> tuple[quantity.Trace, ...]:
         """Measured and predicted, for each axis."""
 
     @abstractmethod
@@ -392,9 +379,9 @@ class MotionTables:
     """What users read of a motion, and what it reads of logs: the file beside its code."""
 
     equation: tuple[str, str]
-    words: Words
+    words: quantity.Words
     channels: LogChannels
-    quantities: dict[str, QuantitySpec]
+    quantities: dict[str, quantity.QuantitySpec]
     coupled_axes: tuple[CoupledAxis, ...] = ()
 
 

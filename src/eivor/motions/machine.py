@@ -30,7 +30,7 @@ from eivor.logs.channel_map import Expression, InTime
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import InstrumentRule, LaggedReferences, Prior
 from eivor.motions import equation
-from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, parsed
+from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, parsed, response_predictions
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
@@ -304,9 +304,7 @@ class Machine(DeclaredMotion):
         ahead = partial(equation.equation_prediction, self.axes) if states else None
         return Abilities(
             vehicle=VehicleSupport(None, {"machine": dict(self.record)}, lambda _: self),
-            prediction=Prediction(
-                equation.simple_models, partial(equation.response_predictions, self.axes), ahead
-            ),
+            prediction=Prediction(equation.simple_models, partial(response_predictions, self.axes), ahead),
             excitation=self._excitation,
             findings=self._findings,
             tracking=self._tracked,

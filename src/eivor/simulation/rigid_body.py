@@ -16,13 +16,13 @@ import numpy as np
 from eivor import checks
 from eivor.errors import ParameterError
 from eivor.motions.rigid_body import dynamics
-from eivor.motions.rigid_body.dynamics import Body, Triple, Value, specific_force
+from eivor.motions.rigid_body.dynamics import Body, Triple, Value, coefficients_of, specific_force
 from eivor.motions.rigid_body.vehicle import Rotors, Vehicle
 from eivor.signals.channels import roll_pitch_yaw
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
 from eivor.simulation import controller, environment
-from eivor.simulation.controller import FlightController, LiveFilter, Sensor, control_effectiveness
+from eivor.simulation.controller import FlightController, LiveFilter, Sensor, control_effectiveness, gains_of
 from eivor.simulation.environment import KnownLog
 from eivor.simulation.excitation import Disturbance, Excitation
 from eivor.strict_toml import package_tables
@@ -364,16 +364,11 @@ def _moments(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) 
     """Fly to the end; some steps at a time, so that what is read and what happened takes little space."""
     first, vehicles, alone = specs[0], [spec.vehicle for spec in specs], len(specs) == 1
     step_s, control, late = first.step_s, first.controller, [spec.vehicle.rotors.delay for spec in specs]
-    gains = [
-        controller.gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s)
-        for spec in specs
-    ]
+    gains = [gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s) for spec in specs]
     cascade = controller.Cascade(dynamics.together(gains), 1.0 / control.rate_hz, 1.0 / control.height_hz)
     senses = [LiveFilter([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES]
     mixer = controller.mixer_of(vehicles[0]) if alone else controller.mixers_side_by_side(vehicles)
-    stepper = runge_kutta(
-        dynamics.coefficients_of(vehicles[0]) if alone else dynamics.side_by_side(vehicles), step_s
-    )
+    stepper = runge_kutta(coefficients_of(vehicles[0]) if alone else dynamics.side_by_side(vehicles), step_s)
     body: Body = _start(met[0]).tolist() if alone else np.stack([_start(item) for item in met], axis=1)
     hover = np.tile([vehicle.hover_speed for vehicle in vehicles], (vehicles[0].rotors.count, 1))
     speeds: list[Value] = hover[:, 0].tolist() if alone else [hover]

@@ -14,7 +14,7 @@ from eivor.signals.filters import actuator_state
 from eivor.signals.recording import GRAVITY, Recording
 from eivor.simulation import environment as surroundings
 from eivor.simulation.controller import DelayLine
-from eivor.simulation.environment import KnownLog, SensorNoise, SimulatedFlight, TrajectoryKind, gusts
+from eivor.simulation.environment import KnownLog, SimulatedFlight, TrajectoryKind, altitude_reference, gusts
 from eivor.tools import Float
 
 Parts = TypeVar("Parts")
@@ -161,7 +161,7 @@ class VerticalFlightSpec:
     gust_rms: Annotated[float, (0.0, 5.0)] = 0.0
     gust_correlation: Annotated[float, (0.01, 100.0)] = 1.0
     # Of accelerometer, velocity, position and attitude
-    noise: SensorNoise = field(default_factory=SensorNoise)
+    noise: surroundings.SensorNoise = field(default_factory=surroundings.SensorNoise)
     accelerometer_bias: Annotated[float, (-2.0, 2.0)] = 0.0  # Constant error of the specific force [m/s^2]
     # Standard deviation of roll and of pitch [rad], before they are smoothed
     tilt_rms: Annotated[float, (0.0, 0.2)] = 0.05
@@ -237,9 +237,7 @@ def _surroundings(spec: VerticalFlightSpec) -> tuple[VerticalEnvironment, Sample
         np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(spec.seed).spawn(4)
     )
     count = spec.count
-    reference = surroundings.altitude_reference(
-        spec.trajectory, count=count, step_s=STEP_S, rng=shape, vigour=spec.vigour
-    )
+    reference = altitude_reference(spec.trajectory, count=count, step_s=STEP_S, rng=shape, vigour=spec.vigour)
     wind, angles = (
         gusts(count=count, axes=axes, step_s=STEP_S, rms=rms, correlation_s=correlation_s, rng=rng)
         for axes, rms, correlation_s, rng in (

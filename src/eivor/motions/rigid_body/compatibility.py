@@ -162,12 +162,8 @@ def comparisons(log: Recording, spans_s: Sequence[tuple[float, float]]) -> Itera
         (("gyroscope", "attitude", "rad/s"), (*RATES, *dynamics.ATTITUDE)),
         (("accelerometer", "velocity", "m/s²"), (*FORCES, *dynamics.ATTITUDE, *dynamics.VELOCITY)),
     ):
-        made = (
-            _comparison(words, [log.channels[name] for name in needed], spans_s)
-            if logged(log, needed)
-            else None
-        )
-        yield from () if made is None else (made,)
+        if logged(log, needed):
+            yield from _comparison(words, [log.channels[name] for name in needed], spans_s)
 
 
 def logged(log: Recording, names: Iterable[str]) -> bool:
@@ -186,11 +182,11 @@ def _together(
 
 def _comparison(
     words: tuple[str, str, str], channels: Sequence[Channel], spans_s: Sequence[tuple[float, float]]
-) -> Comparison | None:
+) -> Iterator[Comparison]:
     rate_hz = min(channel.rate_hz for channel in channels)
     step_s = float(np.clip(1.0 / max(rate_hz, 1e-9), LEAST_STEP_S, LONGEST_STEP_S))
     if not rate_hz > 3.0 * BAND_HZ[1]:
-        return None
+        return
     grid, series, good = _together(channels, step_s)
     measured, attitude, others = series[:3], series[3:7], series[7:]
     attitude = dynamics.continuous(attitude)
@@ -214,10 +210,9 @@ def _comparison(
         means.append((pair[0] - pair[1]).mean(axis=1))
         level = pair - pair.mean(axis=2, keepdims=True)
         spectra.append(np.fft.rfft(level * np.hanning(length))[..., band])
-    if len(spectra) < FEWEST:
-        return None
-    both = np.stack(spectra)
-    return Comparison(*words, frequency[band], both[:, 0], both[:, 1], np.stack(means))
+    if len(spectra) >= FEWEST:
+        both = np.stack(spectra)
+        yield Comparison(*words, frequency[band], both[:, 0], both[:, 1], np.stack(means))
 
 
 def with_one_clock(

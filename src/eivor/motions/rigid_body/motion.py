@@ -31,7 +31,7 @@ from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import NOT_NEGATIVE, refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.predict import rigid_body_prediction
-from eivor.motions.rigid_body.regression import FORCE_X_EQUATION, QUANTITIES, TABLES, noisier
+from eivor.motions.rigid_body.regression import BAND_SHARE, DRIVING, FORCE_X_EQUATION, TABLES, noisier
 from eivor.motions.rigid_body.vehicle import KnownVehicle, load_vehicle, shipped_vehicles, vehicle_from_record
 from eivor.motions.vertical.select import TABLES as HEIGHT
 from eivor.signals.recording import Channel, Finding, Recording
@@ -326,9 +326,7 @@ def _whole(axis_columns: AxisColumns) -> AxisColumns:
     if axis_columns.axis >= FORCE_X_EQUATION or not isinstance(axis_columns.moving, regression.RotorColumns):
         return axis_columns
     flight, (low, high) = axis_columns.moving.states.flight, axis_columns.band_hz
-    reaches = regression.BAND_SHARE * min(
-        flight.rates_hz[name] for name in (AXES[axis_columns.axis].name, "command")
-    )
+    reaches = BAND_SHARE * min(flight.rates_hz[name] for name in (AXES[axis_columns.axis].name, "command"))
     return replace(axis_columns, band_hz=(low, max(high, min(FULL_BAND_HZ, reaches))))
 
 
@@ -368,8 +366,8 @@ class RigidBody(motion.Motion[LaggedRuns]):
     name = "rigid-body"
     words = TABLES.words
     equation = TABLES.equation
-    quantities = QUANTITIES
-    rules = verdict.all_rules(QUANTITIES)
+    quantities = regression.QUANTITIES
+    rules = verdict.all_rules(regression.QUANTITIES)
     parts = verdict.PARTS
     channels = replace(TABLES.channels, references=REFERENCES)
 
@@ -435,7 +433,7 @@ class RigidBody(motion.Motion[LaggedRuns]):
             results[name] = QuantityEstimate(step, "", error, (step - half, step + half))
         if OUTPUT_ERROR in estimate.method:  # it searches for no drag below zero
             results |= {name: replace(results[name], lowest=0.0) for name in {*results} & NOT_NEGATIVE}
-        return {name: results[name] for name in QUANTITIES if name in results}
+        return {name: results[name] for name in regression.QUANTITIES if name in results}
 
     def _implications(self, estimate: Estimate, quantities: Mapping[str, Quantity]) -> Implications:
         if self.vehicle is None:
@@ -459,9 +457,7 @@ class RigidBody(motion.Motion[LaggedRuns]):
         return verdict.RigidBodyChecks(None, wind, lags, early_s, by_wind, shifts)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
-        driving = [
-            number for number, parameter in enumerate(problem.parameters) if parameter in regression.DRIVING
-        ]
+        driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]
         results = []
         for axis in problem.axes:
             series = problem.series_in_band(estimate.nuisances, axis, estimate.theta, driving)

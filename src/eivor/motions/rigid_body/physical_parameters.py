@@ -82,11 +82,9 @@ class Combinations:
         for name in kept.names:
             if name in quantities:
                 (low, high), value, here = quantities[name].interval, quantities[name].value, self.value(name)
-                reach = (
-                    value - low - (here.value - here.interval[0]),
-                    high - value - (here.interval[1] - here.value),
-                )
-                beyond[name] = (max(reach[0], 0.0), max(reach[1], 0.0))
+                below = value - low - (here.value - here.interval[0])
+                above = high - value - (here.interval[1] - here.value)
+                beyond[name] = (max(below, 0.0), max(above, 0.0))
         return replace(kept, beyond=beyond)
 
     def finite(self) -> Combinations:

@@ -18,7 +18,8 @@ from eivor.models.separable import Values
 from eivor.motions.equation import STAYS
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import dynamics, regression
-from eivor.motions.rigid_body.regression import GAIN, PAIRS, TERMS, THRUST, BodyMotion, RigidTerm
+from eivor.motions.rigid_body.dynamics import into_body
+from eivor.motions.rigid_body.regression import DRAG, GAIN, PAIRS, PRODUCT, TERMS, THRUST, BodyMotion
 from eivor.motions.rigid_body.vehicle import KnownVehicle, inertia_shares
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.filters import time_derivative
@@ -129,9 +130,7 @@ class StatePropagator:
     def _velocity(
         self, body: Float[np.ndarray, "13 n"], rows: tuple[dynamics.Triple, dynamics.Triple, dynamics.Triple]
     ) -> Float[np.ndarray, "3 n"]:
-        return (
-            np.stack(dynamics.into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
-        )
+        return np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
 
     @cached_property
     def _usual(self) -> float:
@@ -139,13 +138,13 @@ class StatePropagator:
         return regression.hover_state(flight, self.vehicle, thrust) or regression.usual_state((flight,))
 
     @cached_property
-    def _terms(self) -> list[tuple[RigidTerm, Float[np.ndarray, " models"]]]:
+    def _terms(self) -> list[tuple[regression.RigidTerm, Float[np.ndarray, " models"]]]:
         """Terms that some model has, with their values in each."""
         made = [(term, [item.get(term.parameter.name, 0.0) for item in self.models]) for term in TERMS]
         return [(term, np.array(values, dtype=np.float64)) for term, values in made if any(values)]
 
     @cached_property
-    def _answering(self) -> list[tuple[RigidTerm, Float[np.ndarray, " states"]]]:
+    def _answering(self) -> list[tuple[regression.RigidTerm, Float[np.ndarray, " states"]]]:
         """Terms that answer the state, with their values for every start of every model."""
         count = self.starts.samples.size
         return [(term, np.repeat(values, count)) for term, values in self._terms if not term.driving]
@@ -153,9 +152,7 @@ class StatePropagator:
     @cached_property
     def _coupled(self) -> Callable[[BodyMotion, np.ndarray], np.ndarray] | None:
         """What turning is where axes are coupled by products of inertia; None of models without."""
-        products = np.array(
-            [[item.get(entry.name, 0.0) for item in self.models] for entry in regression.PRODUCT]
-        )
+        products = np.array([[item.get(entry.name, 0.0) for item in self.models] for entry in PRODUCT])
         if not products.any():
             return None
         shares = np.array([inertia_shares(item) for item in self.models])
@@ -219,9 +216,7 @@ class StatePropagator:
 #: Terms without which a prediction is a little worse; one that the fit refuses counts as zero.
 SMALL = tuple(term.parameter for term in TERMS if term.parameter not in (*GAIN, regression.REACTION, THRUST))
 #: Drag by whose verdict the quadratic one of its axis goes: the two are identified well together, or neither.
-WITH_DRAG = {
-    item.name: drag.name for item, drag in zip(regression.QUADRATIC_DRAG, regression.DRAG, strict=True)
-}
+WITH_DRAG = {item.name: drag.name for item, drag in zip(regression.QUADRATIC_DRAG, DRAG, strict=True)}
 #: What is predicted: its parts of the state, and its unit.
 RATES = {f"{axis} rate": ([10 + number], "rad/s") for number, axis in enumerate(regression.TURNING)}
 BEYOND = {"attitude": ([6, 7, 8, 9], "rad"), "velocity": ([3, 4, 5], "m/s"), "position": ([0, 1, 2], "m")}

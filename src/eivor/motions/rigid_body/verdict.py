@@ -34,7 +34,7 @@ from eivor.motions.rigid_body import vehicle as vehicles
 from eivor.motions.rigid_body.compatibility import wind_of
 from eivor.motions.rigid_body.dynamics import VELOCITY
 from eivor.motions.rigid_body.physical_parameters import Combinations
-from eivor.motions.rigid_body.regression import DRAG, GAIN, GYROSCOPIC_MOMENT
+from eivor.motions.rigid_body.regression import DRAG, GAIN, GYROSCOPIC_MOMENT, PRODUCT, mean_over_step
 from eivor.motions.rigid_body.vehicle import OF_INERTIAS, YAW_OVER_ROLL, KnownVehicle, inertia_ratios
 from eivor.signals.filters import time_derivative
 from eivor.signals.thrust_map import input_map
@@ -156,9 +156,7 @@ def with_products(
         if item.axis < terms.FORCE_X_EQUATION and isinstance(item.moving, terms.RotorColumns):
             of, share = item.moving.states.at()[0], shares[item.axis]
             for index, entry in enumerate(chosen):
-                columns[:, index] = share * terms.mean_over_step(
-                    of.by_product(item.axis, terms.PRODUCT.index(entry))
-                )
+                columns[:, index] = share * mean_over_step(of.by_product(item.axis, PRODUCT.index(entry)))
         added.append(columns)
     noisier = None if problem.noisier is None else with_products(problem.noisier, values, chosen)
     return problem.with_fixed(tuple(chosen), added, noisier=noisier, **changes)
@@ -204,12 +202,7 @@ class Contradiction:
 
 
 #: Axes that rotors drive, and what they are called.
-DRIVEN = {
-    terms.ROLL_EQUATION: "roll",
-    terms.PITCH_EQUATION: "pitch",
-    terms.YAW_EQUATION: "yaw",
-    terms.FORCE_Z_EQUATION: "thrust",
-}
+DRIVEN = dict(enumerate(terms.TURNING)) | {terms.FORCE_Z_EQUATION: "thrust"}
 #: A step is no longer small, and its size says little, beyond this share of the lag.
 FAR = 0.5
 _CHANGE = "_lag_change_s"
@@ -444,7 +437,7 @@ def half_widths_by_wind(
     """What the errors of winds that were taken out are to each parameter, at the lag of the estimate."""
     at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
     spin = rotor_inertia_ratios(problem)
-    chosen = [item for item in terms.PRODUCT if item in problem.parameters]
+    chosen = [item for item in PRODUCT if item in problem.parameters]
 
     def by(flying: Sequence[PreparedFlight]) -> Float[np.ndarray, " k"]:
         made = terms.rigid_body_problem(tuple(flying), vehicle, NoInstruments())
@@ -538,35 +531,28 @@ LONGER = "Fly larger and quicker steps, or longer."
 GAIN_LIMIT = verdict.Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LONGER, away_from_zero=WORDS.fly)
 SLOW_LIMIT = verdict.Limit(0.5, zero=Status.WEAK, narrower=LONGER, away_from_zero=WORDS.fly)
 COUPLING_LIMIT = verdict.Limit(identified_within=0.1, narrower=LONGER)
-LAG_LIMIT = verdict.Limit(
-    0.25, 0.5, 0.02, 0.02, narrower="Fly quicker steps, and log rotors and rates faster."
-)
+QUICKER = "Fly quicker steps, and log rotors and rates faster."
+LAG_LIMIT = verdict.Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER)
 
-_GAINS = [item.name for item in (terms.THRUST, *GAIN)]
+_TURNING = tuple(item.name for item in GAIN)
+_GAINS = (terms.THRUST.name, *_TURNING)
+_DAMPINGS = tuple(item.name for item in terms.DAMPING)
 LIMITS = {
     **dict.fromkeys(_GAINS, GAIN_LIMIT),
-    **dict.fromkeys([item.name for item in (*terms.DAMPING, *DRAG, terms.FRICTION, terms.LIFT)], SLOW_LIMIT),
+    **dict.fromkeys([*_DAMPINGS, *(item.name for item in (*DRAG, terms.FRICTION, terms.LIFT))], SLOW_LIMIT),
     **dict.fromkeys([item.name for item in terms.COUPLING], COUPLING_LIMIT),
 }
 _DRAGS = tuple(item.name for item in (*DRAG, *terms.QUADRATIC_DRAG))
 _NO_DRAG = "a disturbance that goes with the motion, such as wind, not the air's drag"
-_DAMPINGS, _PUSHED = (
-    tuple(item.name for item in terms.DAMPING),
-    "a torque that goes with the turning drives it",
-)
+_PUSHED = "a torque that goes with the turning drives it"
 #: What a steady wind makes wrong: the drags across.
 ACROSS = tuple(item.name for item in (*DRAG[:2], *terms.QUADRATIC_DRAG[:2]))
 
 PARTS = (
-    verdict.disagreement_part((*LAGS, *(item.name for item in (terms.THRUST, *GAIN)))),
-    *verdict.clock_parts(
-        LAGS,
-        (*(item.name for item in GAIN), *_SPINS),
-        _DAMPINGS,
-        Counts.INDEPENDENT,
-    ),
+    verdict.disagreement_part((*LAGS, *_GAINS)),
+    *verdict.clock_parts(LAGS, (*_TURNING, *_SPINS), _DAMPINGS, Counts.INDEPENDENT),
     verdict.SystematicPart(
-        (*LAGS, *(item.name for item in GAIN)),
+        (*LAGS, *_TURNING),
         Counts.ADDED,
         _early,
         lambda inputs: (

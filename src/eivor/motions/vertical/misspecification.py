@@ -19,7 +19,7 @@ from eivor.flights.prepared import Difference, PreparedFlight, SensorAgreement, 
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.regression import Parameter
 from eivor.motions.vertical import regression
-from eivor.motions.vertical.regression import SUPPLY, TermColumn, VerticalFlights, explained, voltage
+from eivor.motions.vertical.regression import SUPPLY, VerticalFlights, channel_on_grid, explained, voltage
 from eivor.motions.vertical.select import rotated, vertical_row
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import GRAVITY, Channel, Finding
@@ -43,7 +43,7 @@ LARGEST_DRIFT, UNKNOWN_DRIFT = 1e-3, 5e-4
 LEAST_HEIGHT = 0.05
 
 #: What a term needs, and its column. Here the lift is the mapped input of that mean, and heights are in m.
-_TERMS: dict[str, tuple[str, Callable[[regression.Ingredients], TermColumn]]] = {
+_TERMS: dict[str, tuple[str, Callable[[regression.Ingredients], regression.TermColumn]]] = {
     regression.DRAG: ("velocity", regression.QUADRATIC_DRAG.column),
     regression.GROUND: ("radii", lambda of: np.maximum(of["radii"], LEAST_HEIGHT) ** -2.0),
     CURVATURE: ("mean", lambda of: of["mean"] * (of["lift"] / of["mean"] - 1.0) ** 2),
@@ -100,10 +100,10 @@ def _still(
     return replace(item, fixed=fixed, moving=nothing_moves(len(fixed)), instruments=instruments_, **changed)
 
 
-def _share_of_time(flight: PreparedFlight) -> TermColumn:
+def _share_of_time(flight: PreparedFlight) -> regression.TermColumn:
     """Time from half before to half after the middle of what is used."""
     used, time = np.flatnonzero(flight.used), flight.grid.time_s
-    share: TermColumn = (time - time[used[0]]) / (time[used[-1]] - time[used[0]]) - 0.5
+    share: regression.TermColumn = (time - time[used[0]]) / (time[used[-1]] - time[used[0]]) - 0.5
     return share
 
 
@@ -379,9 +379,7 @@ def turned(flights: Sequence[PreparedFlight]) -> tuple[str, str]:
 
 def _opposed(flight: PreparedFlight, level: str, rate: str) -> bool:
     """Whether changes of a level over half a second go against the sums of its rate."""
-    levels, rates = (
-        flight.signals.channels.get(key, regression.channel_on_grid(flight, key)) for key in (level, rate)
-    )
+    levels, rates = (flight.signals.channels.get(key, channel_on_grid(flight, key)) for key in (level, rate))
     steps = max(round(0.5 / flight.signals.step_s), 1)
     both = flight.used[steps:] & flight.used[:-steps]
     if levels is None or rates is None or not both.any():
@@ -525,7 +523,7 @@ def _levelled(flight: PreparedFlight, tilts: Mapping[str, Difference]) -> Prepar
     """A flight with the attitude of its accelerometer, unless the mean thrust says that the latter leans."""
     channels, known = dict(flight.signals.channels), flight.recording.channels
     names = [f"specific_force_body_{axis}" for axis in "xyz"] if flight.runs else []
-    forces = [force for name in names if (force := regression.channel_on_grid(flight, name)) is not None]
+    forces = [force for name in names if (force := channel_on_grid(flight, name)) is not None]
     if not (tilts and tilts.keys() <= set(BODY_AXES) and len(forces) == 3):
         return flight
     felt = [float(force[flight.used].mean()) for force in forces]

@@ -15,7 +15,7 @@ from eivor.flights import lag_prior, motion, quantity
 from eivor.flights.grid import on_grid
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import RATE, Difference, PreparedFlight, Selection, sensor_agreement
-from eivor.flights.quantity import NAN, Quantity, QuantityEstimate, Trace, TrackedParameter
+from eivor.flights.quantity import NAN, PlotData, Quantity, QuantityEstimate, Trace, TrackedParameter
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
@@ -25,7 +25,7 @@ from eivor.motions.vertical import command_limit, misspecification, regression, 
 from eivor.motions.vertical.figures import key_figures
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
-from eivor.motions.vertical.regression import Balance, VerticalFlights, mean_voltage
+from eivor.motions.vertical.regression import Balance, VerticalFlights, WeightBalance, mean_voltage
 from eivor.signals.recording import GRAVITY, Finding, Recording
 from eivor.signals.thrust_map import Mixed, input_map
 from eivor.tools import plain
@@ -55,7 +55,7 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
     return 0.5 * chi_square_tail(both, 1) + 0.25 * chi_square_tail(both, 2)
 
 
-def _hover(of: Balance | regression.WeightBalance) -> QuantityEstimate:
+def _hover(of: Balance | WeightBalance) -> QuantityEstimate:
     """Hover input, U_h through the input map's inverse; by the weight without a gain."""
     weight, chosen = of.weight if isinstance(of, Balance) else of, of.problem.motion.input_map
     if isinstance(of, Balance) and not of.by_weight:
@@ -79,9 +79,7 @@ def known_without_estimate(
         return {}, verdict.VerticalChecks()
     cut, model = tuple(map(vertical_flight, flights)), VerticalMotion(input_map(flights[0].input_map))
     # lags hardly move means
-    of = regression.WeightBalance(
-        regression.vertical_problem(cut, model), {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
-    )
+    of = WeightBalance(regression.vertical_problem(cut, model), {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0})
     return {"hover_input": _hover(of)}, verdict.VerticalChecks(
         drift=of.drift, mean_command=_mean_command(of.problem)
     )
@@ -352,9 +350,7 @@ class Vertical(motion.Motion[VerticalFlights]):
             height = on_grid(flight.recording.channel("position_z"), flight.grid)[0]
             wanted = flight.reference_on_grid("reference_position_z")
             target = None if wanted is None else flight.where_logged(wanted, "reference_position_z")
-            panels.insert(
-                0, quantity.PlotData("height [m]", flight.where_logged(height, "position_z"), target)
-            )
+            panels.insert(0, PlotData("height [m]", flight.where_logged(height, "position_z"), target))
         return motion.FlightView(symbols, tuple(panels))
 
     def _check(self, options: FlightOptions) -> None:

@@ -18,7 +18,7 @@ from eivor.inference.verdict import Cause, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
 from eivor.motions.vertical import misspecification
-from eivor.motions.vertical.misspecification import OFFSET, OTHER_UNIT_TIMES, SCALE, sentence
+from eivor.motions.vertical.misspecification import OFFSET, OTHER_UNIT_TIMES, SCALE, change_by, sentence
 from eivor.motions.vertical.regression import GROUND, SUPPLY, TERMS, ThrustDrift, height_over_ground
 from eivor.motions.vertical.select import QUANTITIES, TABLES
 from eivor.signals.channels import CurveSide
@@ -175,14 +175,12 @@ def _unknown_tilt(inputs: VerdictInputs, name: str) -> float:
 
 def _tilt(inputs: VerdictInputs, name: str, sizes: Mapping[str, float]) -> float:
     known = inputs.checks.sensitivities
-    return TILT_FACTOR * math.hypot(
-        *(size * misspecification.change_by(tilt, name, known) for tilt, size in sizes.items())
-    )
+    return TILT_FACTOR * math.hypot(*(size * change_by(tilt, name, known) for tilt, size in sizes.items()))
 
 
 def _by_offset(inputs: VerdictInputs, name: str, size_s: float) -> float:
     """What an offset in time between the sensors, or of the command, does."""
-    return size_s * abs(misspecification.change_by(OFFSET.name, name, inputs.checks.sensitivities))
+    return size_s * abs(change_by(OFFSET.name, name, inputs.checks.sensitivities))
 
 
 def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float]:
