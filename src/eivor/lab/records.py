@@ -47,46 +47,28 @@ class Control:
         return "reference_position_z" if self.altitude_gain else "reference_velocity_z"
 
 
-@dataclass(frozen=True, slots=True)
-class SampledVehicle:
-    """Coefficients of the step, see this module."""
-
-    input_gain: float  # K_u [m/s^2 per unit of input]
-    step_s: float
-    decay: float  # [-]
-    held: float  # Velocity per held acceleration [s]
-    ramp: float  # Velocity per acceleration that grows from 0 to 1 over the step [s]
-
-
 Series = Float[np.ndarray, " samples"]
+#: M of x[k+1] = M x[k] + E [d; a][k], E, and the gains of u[k] by x[k] and by the error d[k].
+Loop = tuple[
+    Float[np.ndarray, "states states"], Float[np.ndarray, "states 2"], Float[np.ndarray, " states"], float
+]
 
 
-@dataclass(frozen=True, slots=True)
-class SampledLoop:
-    """Matrices of the recursion; u[k] = error_gain d[k] + (the sum's share)."""
-
-    matrix: Float[np.ndarray, "states states"]
-    error_effect: Float[np.ndarray, " states"]
-    push_effect: Float[np.ndarray, " states"]
-    input_from_state: Float[np.ndarray, " states"]
-    error_gain: float
-
-
-def sampled_loop(vehicle: SampledVehicle, control: Control) -> SampledLoop:
+def sampled_loop(scenario: Scenario, control: Control) -> Loop:
     """Loop of a vehicle under control, without the states that the controller does not use."""
-    altitude_gain = control.altitude_gain
-    summed = control.velocity_integral_gain * vehicle.step_s
+    decay, held, ramp = scenario.of_step
+    altitude_gain, input_gain = control.altitude_gain, scenario.input_gain
+    summed = control.velocity_integral_gain * scenario.step_s
     present = control.velocity_gain + summed
     # All three states; the error is d = addition - seen x, the input u = present d + summed x[2].
-    plant = np.array([[vehicle.decay, 0.0, 0.0], [vehicle.held, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    push = np.array([vehicle.held, vehicle.step_s * vehicle.ramp, 0.0])
+    plant = np.array([[decay, 0.0, 0.0], [held, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    push, sums = np.array([held, scenario.step_s * ramp, 0.0]), np.array([0.0, 0.0, 1.0])
     seen = np.array([1.0, altitude_gain, 0.0])
-    from_state = np.array([0.0, 0.0, summed]) - present * seen
-    sums = np.array([0.0, 0.0, 1.0])
-    matrix = plant + np.outer(vehicle.input_gain * push, from_state) - np.outer(sums, seen)
+    from_state = summed * sums - present * seen
+    matrix = plant + np.outer(input_gain * push, from_state) - np.outer(sums, seen)
     used = np.array([True, altitude_gain != 0.0, control.velocity_integral_gain != 0.0])
-    error_effect = (vehicle.input_gain * present * push + sums)[used]
-    return SampledLoop(matrix[np.ix_(used, used)], error_effect, push[used], from_state[used], present)
+    effects = np.column_stack([input_gain * present * push + sums, push])[used]
+    return matrix[np.ix_(used, used)], effects, from_state[used], present
 
 
 def from_rest(
@@ -158,13 +140,19 @@ class Scenario:
     control: Control | None = None  # What makes the input; None for open loop
 
     def __post_init__(self) -> None:
-        self._check_types()
-        checks.non_negative("viscous_friction", self.viscous_friction)
-        checks.finite("input_gain", self.input_gain)
-        checks.positive("rate_hz", self.rate_hz)
+        ranges = (checks.non_negative, checks.finite, checks.positive)
+        for name, in_range in zip(("viscous_friction", "input_gain", "rate_hz"), ranges, strict=True):
+            checks.number(name, getattr(self, name))
+            in_range(name, getattr(self, name))
+        checks.whole("samples", self.samples)
+        checks.mapping("noise", self.noise, MeasurementNoise, "noises")
+        checks.mapping("noise_to_signal", self.noise_to_signal, checks.NUMBERS, "numbers")
+        for name, types, expected in _KINDS:
+            checks.kind(name, getattr(self, name), types, expected)
         at_least("samples", self.samples, LEAST_SAMPLES)
         check_noises(self.noise, self.noise_to_signal, self.measured)
         if self.disturbance_to_signal is not None:
+            checks.number("disturbance_to_signal", self.disturbance_to_signal)
             checks.non_negative("disturbance_to_signal", self.disturbance_to_signal)
             if self.disturbance is None:
                 remedy = "Give the disturbance as well."
@@ -175,7 +163,7 @@ class Scenario:
             expected = "an input that is held between samples, as a sampled controller gives it"
             received = f"intersample '{self.intersample.value}' under control"
             raise ParameterError(expected, received, "Use hold, or leave the control out.")
-        radius = float(np.abs(np.linalg.eigvals(sampled_loop(self.vehicle, self.control).matrix)).max())
+        radius = float(np.abs(np.linalg.eigvals(sampled_loop(self, self.control)[0])).max())
         if not radius < 1.0:
             raise ParameterError(
                 "gains with which every mode of the control loop decays",
@@ -184,28 +172,17 @@ class Scenario:
                 "Make the gains smaller, the velocity's of the sign of input_gain, or raise the rate.",
             )
 
-    def _check_types(self) -> None:
-        for name in ("viscous_friction", "input_gain", "rate_hz"):
-            checks.number(name, getattr(self, name))
-        checks.whole("samples", self.samples)
-        checks.mapping("noise", self.noise, MeasurementNoise, "noises")
-        checks.mapping("noise_to_signal", self.noise_to_signal, checks.NUMBERS, "numbers")
-        if self.disturbance_to_signal is not None:
-            checks.number("disturbance_to_signal", self.disturbance_to_signal)
-        for name, types, expected in _KINDS:
-            checks.kind(name, getattr(self, name), types, expected)
-
     @property
     def step_s(self) -> float:
         """Time between samples [s]."""
         return 1.0 / self.rate_hz
 
     @property
-    def vehicle(self) -> SampledVehicle:
-        """The vehicle from one sample to the next."""
-        step_s, x = self.step_s, self.viscous_friction * self.step_s
-        held, ramp = step_s * scipy.special.exprel(-x), 0.5 * step_s * scipy.special.hyp1f1(1.0, 3.0, -x)
-        return SampledVehicle(self.input_gain, step_s, float(np.exp(-x)), float(held), float(ramp))
+    def of_step(self) -> tuple[float, float, float]:
+        """Decay, and velocity [s] per acceleration that is held, or grows from 0 to 1, over a step."""
+        x = self.viscous_friction * self.step_s
+        held, ramp = scipy.special.exprel(-x), 0.5 * scipy.special.hyp1f1(1.0, 3.0, -x)
+        return float(np.exp(-x)), self.step_s * float(held), self.step_s * float(ramp)
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -255,8 +232,6 @@ def check_noises(
 
 #: Sources of randomness, in the order in which they take their streams from the record's generator.
 SOURCES = ("excitation", "disturbance", *NOISY_CHANNELS)
-
-
 #: Input, z' [m/s] and under altitude control z [m]; motions add, since the model is linear.
 LinearMotion = Float[np.ndarray, "_ samples"]
 
@@ -313,17 +288,18 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
 
 def moved(scenario: Scenario, added: Series, pushed: Series) -> LinearMotion:
     """Motion from rest under what is added to the input, or to a controller's error, and accelerations."""
-    vehicle, control = scenario.vehicle, scenario.control
+    control = scenario.control
     if control is not None:
-        loop = sampled_loop(vehicle, control)
-        forcing = np.outer(added[:-1], loop.error_effect) + np.outer(pushed[:-1], loop.push_effect)
-        states = from_rest(loop.matrix, forcing)
-        commanded = loop.error_gain * added + states @ loop.input_from_state
+        matrix, effects, from_state, gain = sampled_loop(scenario, control)
+        by_error, by_push = effects.T
+        states = from_rest(matrix, np.outer(added[:-1], by_error) + np.outer(pushed[:-1], by_push))
+        commanded = gain * added + states @ from_state
         return np.stack([commanded, *states.T[: 2 if control.altitude_gain else 1]])
-    steps = scenario.input_gain * vehicle.held * added[:-1] + vehicle.held * pushed[:-1]
+    decay, held, ramp = scenario.of_step
+    steps = scenario.input_gain * held * added[:-1] + held * pushed[:-1]
     if scenario.intersample is Intersample.LINEAR:
-        steps += scenario.input_gain * vehicle.ramp * np.diff(added)
-    return np.stack([added, from_rest(np.array([[vehicle.decay]]), steps[:, None])[:, 0]])
+        steps += scenario.input_gain * ramp * np.diff(added)
+    return np.stack([added, from_rest(np.array([[decay]]), steps[:, None])[:, 0]])
 
 
 def declared_noise(
