@@ -439,7 +439,7 @@ def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, .
     assembler = Compensated() if shares else Instrumental()
     two_stage = LinearMethod("two_stage", assembler, LeastSquares(), equation_weighting=TwoStage())
     try:
-        instrumental = Diagnostics(two_stage.solve_moments(two_stage.moments(problem), problem, check=True))
+        instrumental = Diagnostics(two_stage.solve(problem, check=True))
     except (EivorError, np.linalg.LinAlgError):
         return ()  # the instruments do not determine the parameters
     if not instrumental.testable or instrumental.fits_exactly:

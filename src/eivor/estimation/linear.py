@@ -7,6 +7,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -303,15 +304,15 @@ class LinearMethod(Method):
         if isinstance(problem, ProblemMoments):
             solved = self.solve_moments(problem.moments, check=True)
         else:
-            solved = self.solve_moments(self.moments(problem), problem, check=True)
+            solved = self.solve(problem, check=True)
         return _plain_estimate(self, solved, problem.parameters)
 
     def moments(self, problem: LinearProblem) -> Moments:
         """Summary of rows that the equations, every weighting of them and the instruments' strength need."""
         return self.assembler.moments(problem)
 
-    def solve(self, problem: LinearProblem) -> Estimate:
-        return self.solve_moments(self.moments(problem), problem)
+    def solve(self, problem: LinearProblem, *, check: bool = False) -> Estimate:
+        return self.solve_moments(self.moments(problem), problem, check=check)
 
     def solve_moments(
         self, moments: Moments, problem: LinearProblem | None = None, *, check: bool = False
@@ -354,11 +355,8 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
         return method.estimate(first)
     if method.needs_instruments:
         check_instruments(first.rows(), len(problem.nuisances), method.name)
-
-    def solve(linear: LinearProblem) -> Estimate:
-        return method.solve_moments(method.moments(linear), linear, check=True)
-
-    candidate = refined_nuisances(problem, solve, nearly(problem, method.solve))
+    start = nearly(problem, method.solve)
+    candidate = refined_nuisances(problem, partial(method.solve, check=True), start)
     return _plain_estimate(method, candidate, candidate.rows.parameters)
 
 
@@ -380,13 +378,9 @@ COARSE = 0.03
 def _discretised(method: LinearMethod, estimate: Estimate, finer: LinearProblem) -> Estimate:
     """The estimate with intervals that count its discretisation: what two finer ones change."""
     try:
-        changes = [
-            method.solve_moments(method.moments(made), made).theta - estimate.theta
-            for made in (finer, finer.finer or finer)
-        ]
+        first, second = (method.solve(made).theta - estimate.theta for made in (finer, finer.finer or finer))
     except EstimationError:
         return replace(estimate, met=(*estimate.met, _far_apart("leave no solution")))
-    first, second = changes
     change = np.copysign(np.abs(first) + np.abs(second - first), first)
     errors = np.array([estimate.std_error(name) for name in estimate.names])
     beyond = np.abs(change) - np.maximum(COARSE * np.abs(estimate.values), errors)
@@ -422,14 +416,13 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
         weights = weights.renewed(solution.theta, at)
         at, solution, profiles = _minimum(method, problem, weights, at)
     solved = method.solve(weights.rows(at))
-    columns = [slope(weights, nuisance, at, solution.theta) for nuisance in searched]
     misfits, known = known_misfits(problem.nuisances, at)
     criterion = weights.criterion(solved.theta, at)
     return replace(
         solved,
         joint_parameters=(*solved.joint_parameters, *(nuisance.parameter for nuisance in searched)),
         met=shrinkage_bias(solved.solution, solved.joint_parameters),
-        nuisance_columns=np.column_stack([np.empty((solved.rows.response.size, 0)), *columns]),
+        nuisance_columns=nuisance_columns(weights, searched, at, solution.theta),
         known=known,
         misfits=misfits,
         nuisances=at,
@@ -502,13 +495,11 @@ def first_steps(
     theta = np.array([known.get(item.name, 0.0) for item in problem.parameters])
     weights = method.row_weighting.last_pass(problem, theta, at)
     solved = method.solve(weights.rows(at))
-    slopes = [slope(weights, item, at, solved.theta) for item in searched]
-    columns = np.column_stack([np.empty((solved.rows.response.size, 0)), *slopes])
     parameters = (*problem.parameters, *(item.parameter for item in searched))
     wider = replace(
         solved,
         joint_parameters=parameters,
-        nuisance_columns=columns,
+        nuisance_columns=nuisance_columns(weights, searched, at, solved.theta),
         known=known_misfits(problem.nuisances, at)[1],
         covariance_estimator=estimate.covariance_estimator,
     )
@@ -518,11 +509,12 @@ def first_steps(
     return {item.name: (step, wider.std_error(item.name)) for item, step in pairs if item.name not in known}
 
 
-def slope(
-    weights: WeightedRows, nuisance: Nuisance, nuisance_values: Values, theta: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " rows"]:
-    """Derivative of Phi theta by a nuisance."""
-    return nuisance.derivative(lambda moved: weights.rows(moved).regressors, nuisance_values) @ theta
+def nuisance_columns(
+    weights: WeightedRows, searched: Sequence[Nuisance], at: Values, theta: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "rows q"]:
+    """Derivatives of Phi theta by nuisances, each a column; an empty table without any."""
+    made = [item.derivative(lambda moved: weights.rows(moved).regressors, at) @ theta for item in searched]
+    return np.array(made).T if made else np.empty((0, 0))
 
 
 def _collinear(matrix: Float[np.ndarray, "m n"], parameters: Sequence[Parameter]) -> CollinearError:

@@ -11,7 +11,7 @@ import numpy as np
 
 from eivor.estimation import profile_sets as sets
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod, check_method, known_misfits, slope
+from eivor.estimation.linear import LinearMethod, check_method, known_misfits, nuisance_columns
 from eivor.estimation.methods import by_name
 from eivor.estimation.variable_projection import NuisanceProfile, nodes_of, profiles_of
 from eivor.estimation.weighting import whitened_by_residuals
@@ -41,9 +41,8 @@ def member_slopes(
 ) -> MemberSlopes:
     """Jacobian and scores of a flight."""
     rows = member.weights.rows(values)
-    moved = [slope(member.weights, nuisance, values, theta) for nuisance in nuisances]
-    columns = np.column_stack([np.empty((rows.response.size, 0)), *moved])
-    jacobian = np.column_stack([rows.regressors, columns])
+    columns = nuisance_columns(member.weights, nuisances, values, theta)
+    jacobian = np.column_stack([rows.regressors, *columns.T])
     seen = rows.instruments.T @ jacobian
     residual = rows.response - rows.regressors @ theta
     scores = rows.layout.scores(rows.instruments @ seen, residual)

@@ -277,8 +277,7 @@ def moved_by(motion: sampling.SampledMotion, step: Float[np.ndarray, " n"]) -> s
 
 def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Estimate:
     """Linear equations that the solution meets, and their solution."""
-    method, rows = LinearMethod("", Compensated(), LeastSquares()), whitened_rows(solution, parameters)
-    return method.solve_moments(method.moments(rows), rows)
+    return LinearMethod("", Compensated(), LeastSquares()).solve(whitened_rows(solution, parameters))
 
 
 def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Regression:
