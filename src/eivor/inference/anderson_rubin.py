@@ -263,25 +263,25 @@ class SignPerturbedShape(RegionShape):
             S = np.einsum("ipa,ka->kip", self.sums, points[here])
             lengths = np.einsum("kip,kip->ki", S, S)
             size = np.einsum("ka,ka->k", points[here], points[here])
-            result[here] = self._ratios(lengths, ROUNDING**2 * self._largest * size)
+            rounding = ROUNDING**2 * self._largest * size[:, None]
+            length, others = lengths[:, :1], lengths[:, 1:]
+            tied = np.abs(others - length) <= TIE_SHARE * np.maximum(length, others) + rounding
+            shorter = np.where(tied, self.order[1:] < self.order[0], others < length).sum(axis=1)
+            inside = shorter < lengths.shape[1] - self.excluded
+            bound = np.partition(others, others.shape[1] - self.excluded, axis=1)[:, -self.excluded]
+            ratio = np.divide(length[:, 0], bound, out=np.full(bound.size, np.inf), where=bound > 0.0)
+            above = np.nextafter(1.0, 2.0)
+            result[here] = np.where(inside, np.minimum(ratio, 1.0), np.maximum(ratio, above))
         return result
-
-    def _ratios(self, lengths: Float[np.ndarray, "k m"], rounding: PerPoint) -> PerPoint:
-        length, others = lengths[:, :1], lengths[:, 1:]
-        behind = self.order[1:] < self.order[0]
-        tied = np.abs(others - length) <= TIE_SHARE * np.maximum(length, others) + rounding[:, None]
-        shorter = np.where(tied, behind, others < length).sum(axis=1)
-        inside = shorter < lengths.shape[1] - self.excluded
-        bound = np.partition(others, others.shape[1] - self.excluded, axis=1)[:, -self.excluded]
-        ratio = np.divide(length[:, 0], bound, out=np.full(bound.size, np.inf), where=bound > 0.0)
-        above = np.nextafter(1.0, 2.0)
-        return np.where(inside, np.minimum(ratio, 1.0), np.maximum(ratio, above))
 
     def along(self, base: Point, step: Point) -> ConfidenceSet:
         """Members on a line: a rival is shorter where a quadratic is positive, whose roots are the ends."""
         D = self._differences
         a, b, c = (np.einsum("a,iab,b->i", u, D, v) for u, v in ((step, step), (base, step), (base, base)))
-        return self.members(base, step, _real_roots(a, 2.0 * b, c))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # without cancellation
+            larger = -(b + np.where(b >= 0.0, 1.0, -1.0) * np.sqrt(b * b - a * c))
+            roots = np.concatenate([larger / a, c / larger])
+        return self.members(base, step, roots)
 
 
 def excluded_sums(level: float, sums: int) -> int:
@@ -327,12 +327,3 @@ def sign_perturbed_region(
     shaped = scipy.linalg.solve_triangular(root, by_equation, lower=True)
     stacked = shaped.reshape(p, sums, -1).transpose(1, 0, 2)
     return ConfidenceRegion(names, frame, SignPerturbedShape(np.ascontiguousarray(stacked), excluded, order))
-
-
-def _real_roots(a: PerPoint, b: PerPoint, c: PerPoint) -> Float[np.ndarray, " roots"]:
-    """Real roots of all a s^2 + b s + c, without cancellation."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        inner = b * b - 4.0 * a * c
-        q = -0.5 * (b + np.where(b >= 0.0, 1.0, -1.0) * np.sqrt(inner))
-        roots = np.concatenate([q / a, c / q])
-    return roots[np.isfinite(roots)]

@@ -86,13 +86,6 @@ class RegionFrame:
     pivot: Float[np.ndarray, " n"]  # A point near the region's middle, in the parameters' units
     scale: Float[np.ndarray, " n"]
 
-    def in_units(self, confidence_set: ConfidenceSet, axis: int) -> ConfidenceSet:
-        """Set of a scaled coordinate (axis from 0) in the parameter's unit."""
-        pivot, scale = float(self.pivot[axis]), float(self.scale[axis])
-        return ConfidenceSet.union(
-            (pivot + scale * low, pivot + scale * high) for low, high in confidence_set.intervals
-        )
-
 
 @dataclass(frozen=True)
 class ConfidenceRegion:
@@ -118,7 +111,11 @@ class ConfidenceRegion:
     def interval(self, name: str) -> ConfidenceSet:
         """Values of a parameter that some member of the region has: the region's shadow."""
         axis = checks.index_of("a parameter", name, self.names)
-        return self.frame.in_units(self.shape.shadow(axis + 1, 1 + len(self.names)), axis)
+        shadow = self.shape.shadow(axis + 1, 1 + len(self.names))
+        pivot, scale = float(self.frame.pivot[axis]), float(self.frame.scale[axis])
+        return ConfidenceSet.union(
+            (pivot + scale * low, pivot + scale * high) for low, high in shadow.intervals
+        )
 
 
 def least_points(shape: RegionShape, size: int) -> list[Point]:

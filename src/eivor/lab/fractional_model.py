@@ -277,16 +277,14 @@ class FilteredSignals:
     _noises: Kept = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        valid = self.signals.valid
-        if self.signals.offset or not (valid is None or bool(valid.all())):
-            offset, expected = self.signals.offset, "a whole record, every sample of which is valid"
-            received = (
-                f"one that begins at sample {offset} of another" if offset else "samples that are not valid"
-            )
-            remedy = (
-                "A fractional difference has all samples before in it: cut the record where it was at rest."
-            )
-            raise DataError(expected, received, remedy)
+        valid, offset = self.signals.valid, self.signals.offset
+        if not offset and (valid is None or bool(valid.all())):
+            return
+        received = (
+            f"one that begins at sample {offset} of another" if offset else "samples that are not valid"
+        )
+        remedy = "A fractional difference has all samples before in it: cut the record where it was at rest."
+        raise DataError("a whole record, every sample of which is valid", received, remedy)
 
     @property
     def count(self) -> int:
@@ -463,16 +461,15 @@ class FractionalProblem(LinearisableProblem):
 
     def linearised(self, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalRegression:
         known = self.regression(nuisances)
-        changes = tuple(self._by_order(nuisance.name, nuisances, theta) for nuisance in self.nuisances)
-        orders = tuple(nuisance.parameter for nuisance in self.nuisances)
-        return replace(known, parameters=self.parameters + orders, regressors=known.regressors + changes)
-
-    def _by_order(self, name: str, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalColumn:
-        return tuple(
-            replace(term.at(nuisances), by_order=True, gain=value * term.gain)
-            for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
-            if isinstance(term.order, UnknownOrder) and term.order.name == name
-        )
+        orders, changes = tuple(nuisance.parameter for nuisance in self.nuisances), []
+        for parameter in orders:
+            parts = (
+                replace(term.at(nuisances), by_order=True, gain=value * term.gain)
+                for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
+                if isinstance(term.order, UnknownOrder) and term.order.name == parameter.name
+            )
+            changes.append(tuple(parts))
+        return replace(known, parameters=self.parameters + orders, regressors=(*known.regressors, *changes))
 
     def bins(self, nuisances: Values) -> SpectralRegression:
         """Nothing: an operator's memory does not end with a run."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, Literal
@@ -196,6 +196,12 @@ def scenario(reading: PaperReading, example: Example) -> Scenario:
     exact = reading.motion == "solution"
     ratios = {name: _ratio(reading, example, name) for name in SOURCES}
     share = ratios.pop(DISTURBANCE)
+    variance = reading.input_variance
+    inputs: dict[str, Excitation] = {
+        "paper": PaperInput(variance),
+        "samples": SampleClockInput(variance),
+        "white": WhiteExcitation(float(np.sqrt(MOVING_AVERAGE * variance + SINUSOID))),
+    }
     shape = FractionalNoise if reading.weights == "signed" else AlternatingNoise
     noise: dict[str, MeasurementNoise] = {name: shape(1.0, order) for name, order in ORDERS.items()}
     return Scenario(
@@ -203,7 +209,7 @@ def scenario(reading: PaperReading, example: Example) -> Scenario:
         TRUTH["input_gain"],
         rate_hz=RATE_HZ,
         samples=SAMPLES + (0 if exact else 2 * EDGE),
-        excitation=_excitation(reading),
+        excitation=inputs[reading.input],
         noise=noise | {"input": WhiteNoise(1.0)},
         noise_to_signal=ratios,
         disturbance=paper_disturbance(),
@@ -220,14 +226,6 @@ def _ratio(reading: PaperReading, example: Example, source: str) -> float:
     if reading.ratio_of == "fractional" and source in ORDERS:
         ratio /= float(np.sqrt(mean_variance(ORDERS[source], SAMPLES)))
     return ratio
-
-
-def _excitation(reading: PaperReading) -> Excitation:
-    if reading.input == "samples":
-        return SampleClockInput(reading.input_variance)
-    if reading.input == "white":
-        return WhiteExcitation(float(np.sqrt(MOVING_AVERAGE * reading.input_variance + SINUSOID)))
-    return PaperInput(reading.input_variance)
 
 
 @lru_cache
@@ -324,7 +322,8 @@ def estimates(
         weak[2 * pair : 2 * pair + 2] = strengths is not None and strengths.min() < STRONG_FIRST_STAGE
         as_read = _as_read(moments, reading.compensation)
         for index, method in enumerate(both):
-            result[2 * pair + index] = _theta(method, as_read)
+            with suppress(EivorError):  # too few equations, or no unique solution: the method says nothing
+                result[2 * pair + index] = method.solve_moments(as_read).theta
     return result, weak
 
 
@@ -344,18 +343,8 @@ def _as_read(moments: Moments, compensation: Compensation) -> Moments:
     """Moments with the shared noise in the place that the reading gives it."""
     if not isinstance(moments, CrossMoments) or moments.noise is None:
         return moments
-    if compensation == "printed_row":
-        return replace(moments, noise=np.roll(moments.noise, 1, axis=0))
-    if compensation == "without_count":
-        return replace(moments, noise=moments.noise / moments.rows)
-    return moments
-
-
-def _theta(method: LinearMethod, moments: Moments) -> Float[np.ndarray, " parameters"]:
-    try:
-        return method.solve_moments(moments).solution.theta
-    except EivorError:  # too few equations, or no unique solution: that is what the method says
-        return np.full(len(TRUTH), np.nan)
+    others = {"printed_row": np.roll(moments.noise, 1, axis=0), "without_count": moments.noise / moments.rows}
+    return replace(moments, noise=others.get(compensation, moments.noise))
 
 
 def nrmse(theta: Float[np.ndarray, "*trials parameters"]) -> Float[np.ndarray, "*trials scores"]:
