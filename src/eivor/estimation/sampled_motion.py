@@ -9,6 +9,7 @@ from functools import cached_property, lru_cache
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+import scipy
 
 from eivor.errors import ConvergenceError, InstrumentError, MissingNoiseError, UsageError
 from eivor.estimation.linear import Problem
@@ -137,19 +138,14 @@ PRIOR_STD = np.array([3.0, 3.0, 3.0, 0.5, 0.5, 0.5])
 MEASURE = "a sample, of the white noise behind it"
 #: What has noise, in the order of variances and of orders.
 WHAT = ("velocity", "acceleration", "disturbance")
-#: Most steps of a search, the decrease that one promises when it has come to rest, and the least share of
-#: what it promises that it must keep.
-STEPS, AT_REST, LEAST_OF_IT = 200, 1e-8, 1e-4
-#: Largest change in a step, of logarithms of variances and of what gives the orders.
-LONGEST = 3.0
+#: Most steps of a search, and the largest slope, in standard errors, where it has come to rest.
+STEPS, AT_REST = 200, 1e-4
 #: Bands are a twentieth of their frequency wide, and a bin at least.
 BAND_SHARE = 20
 #: Shares of the residuals' power over the upper half of the band that noises start from.
 VELOCITY_SHARE, REST_SHARE = 0.8, 0.4
 #: Least share of that for a variance that is declared: a channel without noise has no logarithm.
 LEAST_DECLARED = 1e-9
-
-ValueAndGradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -199,35 +195,12 @@ def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prio
 
     def from_origin(steps: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
         value, gradient = fit.value_and_gradient(at(steps))
-        return value, unit @ gradient[fitted]
+        return value if np.isfinite(value) else np.inf, unit @ gradient[fitted]
 
+    first, options = np.zeros(len(unit)), {"gtol": AT_REST, "maxiter": STEPS}
     with np.errstate(all="ignore"):  # a step that goes too far is tried again, shorter
-        return fit.model(at(_lowest(from_origin, unit.T)))
-
-
-def _lowest(function: ValueAndGradient, moves: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
-    size = moves.shape[1]
-    x, inverse = np.zeros(size), np.eye(size)
-    value, gradient = function(x)
-    for _ in range(STEPS):
-        step = -inverse @ gradient
-        step *= min(1.0, LONGEST / float(np.abs(moves @ step).max(initial=LONGEST)))
-        promised = -float(gradient @ step)
-        if not promised > AT_REST:
-            break
-        there = function(x + step)
-        while not -np.inf < there[0] <= value - LEAST_OF_IT * promised:
-            step, promised = 0.5 * step, 0.5 * promised
-            if promised < AT_REST:
-                return x
-            there = function(x + step)
-        turned = there[1] - gradient
-        x, (value, gradient) = x + step, there
-        along = float(turned @ step)
-        if along > 0.0:
-            kept = np.eye(size) - np.outer(step, turned) / along
-            inverse = kept @ inverse @ kept.T + np.outer(step, step) / along
-    return x
+        lowest = scipy.optimize.minimize(from_origin, first, jac=True, method="BFGS", options=options)
+        return fit.model(at(lowest.x))
 
 
 def _information_root(fit: _Fit, vector: Six, fitted: Bool[np.ndarray, " 6"]) -> Float[np.ndarray, "m m"]:

@@ -343,8 +343,11 @@ def _as_read(moments: Moments, compensation: Compensation) -> Moments:
     """Moments with the shared noise in the place that the reading gives it."""
     if not isinstance(moments, CrossMoments) or moments.noise is None:
         return moments
-    others = {"printed_row": np.roll(moments.noise, 1, axis=0), "without_count": moments.noise / moments.rows}
-    return replace(moments, noise=others.get(compensation, moments.noise))
+    if compensation == "printed_row":
+        return replace(moments, noise=np.roll(moments.noise, 1, axis=0))
+    if compensation == "without_count":
+        return replace(moments, noise=moments.noise / moments.rows)
+    return moments
 
 
 def nrmse(theta: Float[np.ndarray, "*trials parameters"]) -> Float[np.ndarray, "*trials scores"]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -222,8 +222,7 @@ class _Minimum:
             name: (float(at - t * error), float(at + t * error))
             for name, at, error in zip(names, best.tolist(), errors.tolist(), strict=True)
         }
-        profiled = [name for name in PROFILED if name in names]
-        for name in profiled:
+        for name in filter(names.__contains__, PROFILED):
             ends[name] = self._profile(self.limit(level), names.index(name))
         lags = np.array([name in ("first", "third") for name in names], dtype=float)
         middle, error = float(lags @ best), math.sqrt(max(float(lags @ covariance @ lags), 0.0))
@@ -719,11 +718,8 @@ def margin_intervals(
         columns = dict(zip(model.parameters, model._minimum.edge(of.level).T[:, :, None], strict=True))
         loops = _responses(columns, s, model.known(s)) * controller(s)  # type: ignore[misc]
         ends.append({name: _ends(values) for name, values in _margins(f, loops).items()})
-    pairs = {name: np.array([each[name] for each in ends]).T for name in ends[0]}
-    return {
-        name: (float(np.fmin.reduce(lows)), float(np.fmax.reduce(highs)))
-        for name, (lows, highs) in pairs.items()
-    }
+    lows, highs = ({name: [each[name][end] for each in ends] for name in ends[0]} for end in (0, 1))
+    return {name: (float(np.fmin.reduce(lows[name])), float(np.fmax.reduce(highs[name]))) for name in lows}
 
 
 def measured_margins(loop: FrequencyResponse) -> dict[str, tuple[float, float, float]]:
@@ -787,5 +783,5 @@ def proposed_controllers(models: TransferFunctions) -> tuple[Controller, ...]:
             return np.asarray(model.response(s.imag / (2.0 * np.pi)) * tried.response(s))
 
         intervals = margin_intervals(models, tried.response)
-        made.append(Controller(name, size, integral, loop_margins(whole), intervals))
+        made.append(replace(tried, margins=loop_margins(whole), intervals=intervals))
     return tuple(made)
