@@ -114,13 +114,11 @@ class Number:
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether the interval does."""
         low, high = self.interval
         return not low <= 0.0 <= high
 
     @property
     def words(self) -> str:
-        """Value, interval and source."""
         low, high = self.interval
         return f"{self.value:.6g}, 95 % interval [{low:.6g}, {high:.6g}], {self.source}"
 
@@ -148,7 +146,6 @@ class Fitted:
 
     @property
     def input_map(self) -> InputMap:
-        """From the command to thrust."""
         return input_map(self.map_name)
 
     def origin(self, numbers: Mapping[str, Number] | None = None) -> Iterator[str]:
@@ -162,7 +159,6 @@ class Fitted:
             yield f"{name}: {number.words}"
 
     def check_vertical(self, target: str) -> None:
-        """Refuse results of other motions."""
         if self.model != VERTICAL:
             raise UsageError(
                 f"a result of the vertical motion for {target}",

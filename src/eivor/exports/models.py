@@ -196,7 +196,6 @@ class _MachineEquations:
 
     @classmethod
     def of(cls, machine: Machine, fitted: Fitted, supplied: Supplied, target: str) -> _MachineEquations:
-        """Equations of a result whose numbers are known."""
         names = (*(term.name for term in machine.terms), *(LAGS if machine.has_lag else ()))
         supplied.check_only(names, target, body=False)
         numbers = fitted.needed(names, supplied, target)
@@ -209,7 +208,6 @@ class _MachineEquations:
         return cls(numbers, equations, states, acting, inputs, lag_s)
 
     def change(self, x: Float[np.ndarray, " n"], u: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
-        """Derivative of the states."""
         acting = dict(zip(self.acting, x[len(self.states) :], strict=True))
         known: dict[str, Any] = dict(
             zip([*self.states, *self.inputs], [*x[: len(self.states)], *u], strict=True)

@@ -106,7 +106,6 @@ class Expression:
 
     @classmethod
     def of_column(cls, name: str) -> Expression:
-        """Return the expression that is a column as it stands."""
         return cls(name, (name,), (name,))
 
     @property

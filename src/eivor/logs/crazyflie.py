@@ -46,7 +46,6 @@ class VariableSource:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Variables that it needs."""
         return tuple(maps.columns_of(self.rules))
 
 
@@ -306,7 +305,6 @@ class Event:
         return {name: name for name in names} | {f"{self.name}:{name}": name for name in names}
 
     def has(self, columns: Sequence[str]) -> bool:
-        """Say whether it has all of some columns."""
         return all(column in self.names for column in columns)
 
     def values(self, column: str) -> Float[np.ndarray, " n"]:
@@ -324,7 +322,6 @@ class Event:
         return self._values[name]
 
     def columns(self, names: Sequence[str]) -> common.Columns:
-        """Return some columns."""
         clocks = frozenset(name for name in names if self.names[name] == CLOCK)
         return common.Columns({name: self.values(name) for name in names}, seconds=clocks)
 

@@ -85,7 +85,6 @@ class DeclaredLayouts:
         return True
 
     def findings(self) -> list[Finding]:
-        """Say what is wrong with descriptions."""
         unsound = "Descriptions of messages (FMT) that cannot be, left out: {}."
         changed = "Described again and differently, so that the first counts: {}."
         return [
@@ -161,12 +160,10 @@ class Messages:
 
     @property
     def name(self) -> str:
-        """Name of the type."""
         return self.layout.name
 
     @property
     def count(self) -> int:
-        """Number of messages."""
         return int(self.offsets.size)
 
     @property
@@ -175,7 +172,6 @@ class Messages:
         return self.first(*CLOCKS)
 
     def has(self, *columns: str) -> bool:
-        """Say whether it has all of some columns."""
         return all(column in self.layout.fields for column in columns)
 
     def first(self, *columns: str) -> str:
@@ -183,7 +179,6 @@ class Messages:
         return next(filter(self.has, columns), "")
 
     def stored(self, column: str) -> np.ndarray:
-        """Return a column as it is stored."""
         field = self.layout.fields[column]
         if not self.count:
             return np.empty(0, field.kind)
@@ -214,7 +209,6 @@ class Messages:
         return np.asarray(values)
 
     def texts(self, column: str) -> list[str]:
-        """Return a column of texts."""
         return [text.decode("latin-1").rstrip("\0") for text in self.stored(column).tolist()]
 
     def time_s(self) -> Float[np.ndarray, " n"]:
@@ -224,7 +218,6 @@ class Messages:
         return stamps
 
     def where(self, chosen: Bool[np.ndarray, " n"]) -> Messages:
-        """Return some of the messages."""
         return self if chosen.all() else replace(self, offsets=self.offsets[chosen])
 
 
@@ -258,7 +251,6 @@ class Offsets:
         return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
 
     def findings(self) -> list[Finding]:
-        """Say what was left out."""
         damaged = "Damaged parts were left out: {} bytes that belong to no message."
         return [
             *noted("truncated", "The log ends within a message ({} bytes of it are there).", self.cut),

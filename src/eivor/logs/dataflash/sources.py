@@ -79,7 +79,6 @@ class MessageSource:
 
     @property
     def estimated(self) -> bool:
-        """Whether an estimator makes the values."""
         return self.message in ESTIMATORS or self.column in CLIMBS
 
     @property
@@ -97,7 +96,6 @@ class MessageSource:
 
     @property
     def label(self) -> str:
-        """The source in the log's own words."""
         return f"{'-' if self.factor < 0.0 else ''}{self.message}.{self.column}"
 
 
@@ -219,7 +217,6 @@ class MessageReading:
     def of(
         cls, tables: Mapping[str, Messages], parameters: Mapping[str, float], findings: list[Finding]
     ) -> MessageReading:
-        """Begin a reading."""
         ends = [
             (time.min(), time.max()) for table in tables.values() if table.clock for time in [table.time_s()]
         ]

@@ -151,11 +151,9 @@ class RosSource:
 
     @property
     def label(self) -> str:
-        """The source in the words of a message."""
         return f"{MAVROS}{self.topic}.{self.field}" if self.topic else f"{self.kind} {self.field}"
 
     def serves(self, name: str, kind: str) -> bool:
-        """Say whether a topic is this one."""
         if kind != self.kind:
             return False
         if self.topic:

@@ -45,7 +45,6 @@ class Budget:
 
     @classmethod
     def of(cls, size: int, max_bytes: int) -> Budget:
-        """Return the budget of a bag of so many bytes."""
         kept = max(max_bytes, size)
         return cls(min(TIMES * size + MORE, 8 * kept), kept)
 
@@ -57,7 +56,6 @@ class Budget:
         return made
 
     def message(self, payload: bytes) -> bytes:
-        """Return a message that is kept."""
         self.kept -= len(payload) + MESSAGE_BYTES
         if self.kept < 0:
             raise TooLargeError("its messages take more memory than max_bytes")

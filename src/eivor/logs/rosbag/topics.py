@@ -184,7 +184,6 @@ class Contents:
 
     @property
     def size(self) -> int:
-        """Number of messages."""
         return sum(len(topic.payloads) for topic in self.topics.values())
 
 

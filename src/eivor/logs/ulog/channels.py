@@ -32,12 +32,10 @@ class TopicSource:
 
     @property
     def estimated(self) -> bool:
-        """Whether the estimator makes the values."""
         return self.topic == ESTIMATOR_TOPIC
 
     @property
     def label(self) -> str:
-        """The source in the log's own words."""
         return f"{'-' if self.sign < 0 else ''}{self.topic}.{self.field}"
 
 
@@ -125,7 +123,6 @@ class Topic:
 
     @property
     def size(self) -> int:
-        """Number of messages."""
         return int(self.fields["timestamp"].size)
 
 

@@ -169,7 +169,6 @@ class Subscription:
     rejected: int = 0  # Messages of another length
 
     def topic(self) -> px4.Topic:
-        """Return the messages as columns."""
         table = np.frombuffer(b"".join(self.rows), dtype=self.layout)
         return px4.Topic(self.name, self.instance, {name: table[name] for name in self.layout.names or ()})
 
