@@ -7,9 +7,8 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 import msgspec
@@ -21,7 +20,7 @@ from eivor.signals.channels import CurveSide, canonical_channel, canonical_chann
 from eivor.signals.filters import lagged_between_stamps, time_derivative
 from eivor.signals.recording import DataSheet, Frame
 from eivor.signals.thrust_map import input_map
-from eivor.strict_toml import Text, TomlFiles, TomlTable, toml_table
+from eivor.strict_toml import Text, TomlFiles, TomlTable
 from eivor.tools import Float
 
 #: Elementwise functions; how many arguments one has is the ufunc's `nin`.
@@ -102,11 +101,14 @@ class Expression:
 
     text: str
     steps: tuple[Step, ...]
-    columns: tuple[str, ...]
 
     @classmethod
     def of_column(cls, name: str) -> Expression:
-        return cls(name, (name,), (name,))
+        return cls(name, (name,))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(step for step in self.steps if isinstance(step, str)))
 
     @property
     def of_moments(self) -> bool:
@@ -138,11 +140,10 @@ def parse_expression(text: str, where: str, *, constant: bool = False) -> Expres
     """Check an expression and name its columns; without any where a constant may be one."""
     if len(text) > MAX_LENGTH:
         raise _refused(where, f"{len(text)} characters")
-    compiler = _Compiler(text, where)
-    compiler.compile()
-    if not (compiler.columns or constant):
+    parsed = Expression(text, tuple(_Compiler(text, where).steps()))
+    if not (parsed.columns or constant):
         raise _refused(where, f"{text!r}, which names no column")
-    return Expression(text, tuple(compiler.steps), tuple(compiler.columns))
+    return parsed
 
 
 def tilt_of_angles(radians: float, roll: str, pitch: str) -> Expression:
@@ -155,7 +156,7 @@ def _formula(text: str, columns: Mapping[str, str]) -> Expression:
     parsed = parse_expression(text, "formula")
     quoted = re.sub("|".join(rf"\b{name}\b" for name in columns), lambda m: f'"{columns[m[0]]}"', text)
     steps = tuple(columns.get(step, step) if isinstance(step, str) else step for step in parsed.steps)
-    return Expression(quoted, steps, tuple(dict.fromkeys(columns[name] for name in parsed.columns)))
+    return Expression(quoted, steps)
 
 
 def _refused(where: str, received: str, meant: str = "") -> ChannelMapError:
@@ -175,10 +176,8 @@ class _Compiler:
     def __init__(self, text: str, where: str) -> None:
         self.text, self.where = text, where
         self.source = re.sub(r"\s", " ", text).strip()
-        self.steps: list[Step] = []
-        self.columns: dict[str, None] = {}
 
-    def compile(self) -> None:
+    def steps(self) -> Iterator[Step]:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -189,13 +188,13 @@ class _Compiler:
             raise self._refuse(f"not understood at {start!r}") from None
         if "#" in _QUOTED.sub("", self.source):
             raise self._refuse("with a comment")
-        self._add(tree.body, 0)
+        yield from self._steps(tree.body, 0)
 
     def _refuse(self, why: str, meant: str = "") -> ChannelMapError:
         return _refused(self.where, f"{self.text!r}, {why}", meant)
 
-    def _add(self, node: ast.expr, depth: int) -> None:
-        """Add the steps of a node; chains of one precedence do not count as depth."""
+    def _steps(self, node: ast.expr, depth: int) -> Iterator[Step]:
+        """Steps of a node; chains of one precedence do not count as depth."""
         if depth > MAX_NESTING:
             raise self._refuse(f"nested deeper than {MAX_NESTING}")
         chain: list[tuple[np.ufunc, ast.expr]] = []
@@ -207,57 +206,57 @@ class _Compiler:
             negative ^= isinstance(node.op, ast.USub)
             node = node.operand
         if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-            self._add(node, depth + 1)
+            yield from self._steps(node, depth + 1)
         else:
-            self._atom(node, depth)
+            yield from self._atom(node, depth)
         if negative:
-            self.steps.append(np.negative)
+            yield np.negative
         for operator, right in reversed(chain):
-            self._add(right, depth + 1)
-            self.steps.append(operator)
+            yield from self._steps(right, depth + 1)
+            yield operator
 
-    def _atom(self, node: ast.expr, depth: int) -> None:
+    def _atom(self, node: ast.expr, depth: int) -> Iterator[Step]:
         written = ast.get_source_segment(self.source, node) or ""
         match node:
             case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
                 if abs(value) > sys.float_info.max:
                     raise self._refuse(f"where {written} is too large for a number")
-                self.steps.append(float(value))
+                yield float(value)
             case ast.Name() | ast.Constant() if isinstance(node, ast.Name) or _QUOTED.fullmatch(written):
-                name = written.strip('"')
-                self.columns[name] = None
-                self.steps.append(name)
+                yield written.strip('"')
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
                 exponent = _number(right)
                 if exponent is None or abs(exponent) > MAX_EXPONENT:
                     most = f"{MAX_EXPONENT:g}"
                     raise self._refuse(f"with an exponent that is no number from -{most} to {most}")
-                self._add(left, depth + 1)
-                self.steps += (exponent, np.power)
+                yield from self._steps(left, depth + 1)
+                yield from (exponent, np.power)
             case ast.Compare(left=left, ops=[operator, *more], comparators=[right, *_]):
-                self._condition(node if more else operator, [left, right], written, depth)
+                yield from self._condition(node if more else operator, [left, right], written, depth)
             case ast.BoolOp(op=operator, values=parts):
-                self._condition(operator, parts, written, depth)
+                yield from self._condition(operator, parts, written, depth)
             case ast.UnaryOp(op=ast.Not() as operator, operand=operand):
-                self._condition(operator, [operand], written, depth)
+                yield from self._condition(operator, [operand], written, depth)
             case ast.Call(func=ast.Name(id=word), keywords=[]):
-                self._call(node, word, depth)
+                yield from self._call(node, word, depth)
             case _:
                 raise self._refuse(f"with {written!r} where a column or a number belongs")
 
-    def _condition(self, operator: ast.AST, parts: Sequence[ast.expr], written: str, depth: int) -> None:
+    def _condition(
+        self, operator: ast.AST, parts: Sequence[ast.expr], written: str, depth: int
+    ) -> Iterator[Step]:
         if type(operator) not in CONDITIONS:
             raise self._refuse(f"with {written!r}: write 0 < a and a < 1, and >= with <= for equality")
         for number, part in enumerate(parts):
-            self._add(part, depth + 1)
+            yield from self._steps(part, depth + 1)
             if number or len(parts) == 1:
-                self.steps.append(CONDITIONS[type(operator)])
+                yield CONDITIONS[type(operator)]
 
-    def _call(self, node: ast.Call, word: str, depth: int) -> None:
+    def _call(self, node: ast.Call, word: str, depth: int) -> Iterator[Step]:
         lag_s = _number(node.args[1]) if word == "lag" and len(node.args) == 2 else None
         if (word == "ddt" and len(node.args) == 1) or (lag_s is not None and lag_s > 0.0):
-            self._add(node.args[0], depth + 1)
-            self.steps.append(InTime(lag_s))
+            yield from self._steps(node.args[0], depth + 1)
+            yield InTime(lag_s)
             return
         if word in ("ddt", "lag"):
             raise self._refuse("where ddt(x) or lag(x, SECONDS) with a number of seconds above zero belongs")
@@ -268,8 +267,8 @@ class _Compiler:
         if len(node.args) != function.nin:
             raise self._refuse(f"where {word.lower()} has {len(node.args)} arguments, not {function.nin}")
         for argument in node.args:
-            self._add(argument, depth + 1)
-        self.steps.append(function)
+            yield from self._steps(argument, depth + 1)
+        yield function
 
 
 def _number(node: ast.expr) -> float | None:
@@ -348,11 +347,6 @@ shipped_maps = MAPS.names
 def load_channel_map(source: str | os.PathLike[str]) -> ChannelMap:
     """Load a map by the name of a shipped one or by its path, and check every key of it."""
     return _channel_map(MAPS.table(source))
-
-
-def parse_channel_map(text: str, origin: str) -> ChannelMap:
-    """Parse and check the text of a map."""
-    return _channel_map(toml_table(text, Path(origin), "a channel map", ChannelMapError))
 
 
 class _Time(msgspec.Struct, forbid_unknown_fields=True):

@@ -70,7 +70,7 @@ def _source(row: Mapping[str, Any]) -> VariableSource:
 
 def _quaternion(columns: Sequence[str]) -> VariableSource:
     texts = (PACKED_QUATERNION if column in UNPACKED else column for column in columns)
-    expressions = (maps.Expression(text, (name,), (name,)) for text, name in zip(texts, columns, strict=True))
+    expressions = (maps.Expression(text, (name,)) for text, name in zip(texts, columns, strict=True))
     rules = (
         maps.ChannelRule(f"attitude_{part}", item) for part, item in zip("wxyz", expressions, strict=True)
     )

@@ -165,8 +165,7 @@ def _by_order(expression: Expression) -> Expression:
             steps[-1] += "'"
         else:
             steps.append(step)
-    columns = tuple(dict.fromkeys(step for step in steps if isinstance(step, str)))
-    return replace(expression, steps=tuple(steps), columns=columns)
+    return replace(expression, steps=tuple(steps))
 
 
 @dataclass(frozen=True)
