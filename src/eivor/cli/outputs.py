@@ -22,7 +22,6 @@ from unicodedata import normalize
 
 import msgspec
 import typer
-from typer import Exit
 from typer.core import TyperCommand, TyperOption
 
 from eivor import tools
@@ -331,35 +330,32 @@ def guarded(command: Callable[P, ExitCode | None]) -> Callable[P, None]:
 
     @wraps(command)
     def leaving(*args: P.args, **kwargs: P.kwargs) -> None:
-        raise typer.Exit(code=int(_outcome(command, *args, **kwargs)))
+        code = ExitCode.FAILED
+        try:
+            code = command(*args, **kwargs) or ExitCode.IDENTIFIED
+        except EivorError as error:
+            code = reported(error)
+        except KeyboardInterrupt:
+            complain("interrupted")
+            code = ExitCode.INTERRUPTED
+        except BrokenPipeError:
+            pass
+        except MemoryError:
+            remedy = "Cut it to the manoeuvre of interest, or use --window."
+            complain("Not enough memory for this log.", remedy)
+        except Exception as error:  # the last line of defence: a user never sees a traceback
+            if os.environ.get(DEBUG_VARIABLE) == "1":
+                raise
+            complain(
+                f"unexpected {type(error).__name__}: {error}",
+                "This is a mistake in Eivor. Please report it with the command and, if you can, the log;",
+                f"{DEBUG_VARIABLE}=1 shows where it happened.",
+            )
+        raise typer.Exit(code=int(code))
 
     paragraphs = (inspect.getdoc(command) or "").split("\n\n")  # as wide as the terminal in help
     leaving.__doc__ = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
     return leaving
-
-
-def _outcome(command: Callable[P, ExitCode | None], *args: P.args, **kwargs: P.kwargs) -> ExitCode:
-    try:
-        return command(*args, **kwargs) or ExitCode.IDENTIFIED
-    except EivorError as error:
-        return reported(error)
-    except KeyboardInterrupt:
-        complain("interrupted")
-        return ExitCode.INTERRUPTED
-    except BrokenPipeError:
-        return ExitCode.FAILED
-    except MemoryError:
-        complain("Not enough memory for this log.", "Cut it to the manoeuvre of interest, or use --window.")
-        return ExitCode.FAILED
-    except Exception as error:  # the last line of defence: a user never sees a traceback
-        if os.environ.get(DEBUG_VARIABLE) == "1":
-            raise
-        complain(
-            f"unexpected {type(error).__name__}: {error}",
-            "This is a mistake in Eivor. Please report it with the command and, if you can, the log;",
-            f"{DEBUG_VARIABLE}=1 shows where it happened.",
-        )
-        return ExitCode.FAILED
 
 
 def reported(error: EivorError) -> ExitCode:
@@ -368,18 +364,15 @@ def reported(error: EivorError) -> ExitCode:
     return ExitCode.USAGE if isinstance(error, UsageError) else ExitCode.FAILED
 
 
-def _source(context: Any, parameter: Any) -> str:
-    return getattr(context.get_parameter_source(parameter.name), "name", "DEFAULT")
-
-
 def refuse_empty_options(context: Any) -> None:
-    """Leave with a message where an option that is nothing by default was given as nothing."""
+    """Refuse an option that is nothing by default and was given as nothing."""
     for option in context.command.params:
         nothing = option.param_type_name == "option" and context.params.get(option.name) == ""
-        if nothing and _source(context, option) != "DEFAULT" and not option.default:
+        source = context.get_parameter_source(option.name)
+        if nothing and source is not None and source.name != "DEFAULT" and not option.default:
             name = option.opts[0]
             remedy = f"Give {name} {option.metavar or 'TEXT'}, or leave it out."
-            raise Exit(int(reported(UsageError(f"a value for {name}", "an empty text", remedy))))
+            raise UsageError(f"a value for {name}", "an empty text", remedy)
 
 
 # -- Outputs --
@@ -579,11 +572,11 @@ class ReadableCommand(TyperCommand):
                 item.rich_help_panel = None
 
     def invoke(self, ctx: Any) -> Any:
-        refuse_empty_options(ctx)
         try:
+            refuse_empty_options(ctx)
             guard_outputs(ctx)
         except EivorError as error:
-            raise Exit(int(reported(error))) from None
+            raise typer.Exit(int(reported(error))) from None
         return super().invoke(ctx)
 
 
