@@ -63,9 +63,8 @@ def _png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def drawn(panels: Panels, made: Callable[[tuple[str, ...]], dict[str, Axes]]) -> Figure:
-    """Figure of panels, in the Axes of a page that is made."""
-    placed = made(tuple(panels))
+def drawn(panels: Panels, placed: Mapping[str, Axes]) -> Figure:
+    """Figure of panels in their Axes."""
     for name, ax in placed.items():
         panels[name](ax)
     return next(iter(placed.values())).figure.figure
@@ -263,12 +262,9 @@ def estimates_figure(
         name: partial(draw_forest, rows=of_name, words=axis_words(name, units[name]), truth=marked.get(name))
         for name, of_name in rows.items()
     }
-
-    def made(names: tuple[str, ...]) -> dict[str, Axes]:
-        size = PANEL_WIDTH * len(names) + 0.4, FOREST_ROW_INCHES * (len(estimates) + 1) + 1.3
-        return mosaic(page(*size, title or "estimates and their 95 % intervals"), [names])
-
-    return drawn(panels, made)
+    size = PANEL_WIDTH * len(panels) + 0.4, FOREST_ROW_INCHES * (len(estimates) + 1) + 1.3
+    figure = page(*size, title or "estimates and their 95 % intervals")
+    return drawn(panels, mosaic(figure, [list(panels)]))
 
 
 def pair_figure(

@@ -203,12 +203,9 @@ def residual_figure(
         "autocorrelation": partial(_draw_autocorrelation, values=residual, rate_hz=rate_hz),
         "spectrum": partial(_draw_noise_spectrum, values=residual, rate_hz=rate_hz, unit=unit),
     }
-
-    def made(names: tuple[str, ...]) -> dict[str, Axes]:
-        rows = [(names[0], names[0]), names[1:]]
-        return plots.mosaic(plots.page(10.0, 6.4, title), rows, height_ratios=(0.85, 1.0))
-
-    return plots.drawn(panels, made)
+    rows = [("time", "time"), ("autocorrelation", "spectrum")]
+    figure = plots.page(10.0, 6.4, title)
+    return plots.drawn(panels, plots.mosaic(figure, rows, height_ratios=(0.85, 1.0)))
 
 
 def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: float, unit: str) -> None:
@@ -268,4 +265,4 @@ def signals_figure(signals: Signals, *, title: str = "") -> Figure:
 
     size = SIGNAL_WIDTH, PANEL_HEIGHT * len(signals.channels) + 0.7
     panels: plots.Panels = {name: partial(draw, name=name) for name in signals.channels}
-    return plots.drawn(panels, partial(plots.column_page, size=size, title=title))
+    return plots.drawn(panels, plots.column_page(tuple(panels), size, title))

@@ -396,9 +396,14 @@ def flight_figure(result: FlightEstimate) -> Figure:
     "reasons".
     """
     if result.fit is None:
-        figure = plots.drawn(_flight_panels(result), _flight_page)
+        panels = _flight_panels(result)
+        above = len(panels) - 1  # the last has words only
+        heights = (*[1.0] * above, 0.6)
+        placed = plots.column_page(tuple(panels), plots.SIZE_INCHES, heights=heights, shared=max(above, 1))
     else:
-        figure = plots.drawn(_fit_panels(result, result.fit), _fit_page)
+        panels = _fit_panels(result, result.fit)
+        placed = _fit_page(tuple(panels))
+    figure = plots.drawn(panels, placed)
     _title(figure, result)
     return figure
 
@@ -481,11 +486,6 @@ def _flight_panels(result: FlightEstimate) -> plots.Panels:
     }
     panels["reasons"] = partial(_write_reasons, result=result)
     return panels
-
-
-def _flight_page(names: tuple[str, ...]) -> dict[str, Axes]:
-    above = len(names) - 1  # the last has words only
-    return plots.column_page(names, plots.SIZE_INCHES, heights=(*[1.0] * above, 0.6), shared=max(above, 1))
 
 
 def _draw_series(axes: Axes, plot_data: PlotData, result: FlightEstimate, title: str) -> None:

@@ -470,8 +470,11 @@ def _validation_figure(validation: Validation) -> Figure:
         panels[name] = partial(_draw_predicted, validation=validation, models=models)
         panels[f"{name} residual"] = partial(_draw_left, validation=validation, models=models)
     size, heights = (plots.SIZE_INCHES[0], plots.SIZE_INCHES[1] * len(panels) / 4.0), (1.6, 1.0)
-    whole_runs = partial(plots.column_page, size=size, heights=heights * (len(panels) // 2), shared=2)
-    figure = plots.drawn(panels, whole_runs if multi_step is None else prediction_page)
+    if multi_step is None:
+        placed = plots.column_page(tuple(panels), size, heights=heights * (len(panels) // 2), shared=2)
+    else:
+        placed = prediction_page(tuple(panels))
+    figure = plots.drawn(panels, placed)
     sentence = textwrap.fill(validation.sentence, TITLE_LETTERS)
     title = f"{shortened(printable(validation.flight.recording.name))}\n{sentence}"
     figure.suptitle(title, fontsize=11, parse_math=False)
