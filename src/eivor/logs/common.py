@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from eivor.signals.channels import CanonicalChannel, held_by_default, unit_of
-from eivor.signals.filters import on_lines
+from eivor.signals.filters import Series, on_lines
 from eivor.signals.recording import (
     GRAVITY,
     Channel,
@@ -36,7 +36,7 @@ from eivor.tools import Bool, Float
 class Columns:
     """Columns of a table as numbers."""
 
-    values: Mapping[str, Float[np.ndarray, " n"]]
+    values: Mapping[str, Series]
     unreadable: Mapping[str, int] = field(default_factory=dict)
     seconds: frozenset[str] = frozenset()
     lists: Mapping[str, str] = field(default_factory=dict)
@@ -92,8 +92,8 @@ TOGETHER_ROWS = 5
 
 
 def without_extrapolation(
-    time_s: Float[np.ndarray, " n"], columns: Mapping[str, Float[np.ndarray, " n"]], findings: list[Finding]
-) -> dict[str, Float[np.ndarray, " n"]]:
+    time_s: Series, columns: Mapping[str, Series], findings: list[Finding]
+) -> dict[str, Series]:
     """Return the columns with made-up values as NaN."""
     starts = {name: _line_start(time_s, values) for name, values in columns.items()}
     started = {name: start for name, start in starts.items() if start is not None}
@@ -117,7 +117,7 @@ def without_extrapolation(
     return cleaned
 
 
-def _line_start(time_s: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> int | None:
+def _line_start(time_s: Series, values: Series) -> int | None:
     """Row at which an exact sloping line to the last row begins; None when there is none of `MIN_ROWS`."""
     if values.size < 2 * MIN_ROWS:
         return None
@@ -153,7 +153,7 @@ class ChannelProfile:
 
     quality: ChannelQuality
     step_s: float  # Median step of a sampled channel, NaN where there is none [s]
-    values: Float[np.ndarray, " n"]
+    values: Series
 
 
 def look(channel: Channel) -> ChannelProfile:
@@ -208,12 +208,12 @@ def _count_findings(qualities: Mapping[str, ChannelQuality]) -> list[Finding]:
     return findings
 
 
-def _median(values: Float[np.ndarray, " n"]) -> float:
+def _median(values: Series) -> float:
     finite = values[np.isfinite(values)]
     return float(np.median(finite)) if finite.size else float("nan")
 
 
-def _norm(values: _Values, names: Sequence[str]) -> Float[np.ndarray, " n"] | None:
+def _norm(values: _Values, names: Sequence[str]) -> Series | None:
     """Norm of channels that share one clock; None when one is absent or the lengths differ."""
     parts = [values[name] for name in names if name in values]
     if len(parts) < len(names) or len({part.size for part in parts}) > 1 or not parts[0].size:
@@ -479,18 +479,14 @@ def in_preference(
         yield from ((name, source) for source in ((most, *others) if much_more else known))
 
 
-def held_at(
-    times: Float[np.ndarray, " n"], values: np.ndarray, stamp: Float[np.ndarray, " m"], before: float
-) -> np.ndarray:
+def held_at(times: Series, values: np.ndarray, stamp: Float[np.ndarray, " m"], before: float) -> np.ndarray:
     """Values that are in force at some times, set at others; `before` the first of these."""
     order = np.argsort(times, kind="stable")
     in_force = np.concatenate([np.full(1, before, dtype=values.dtype), values[order]])
     return np.asarray(in_force[np.searchsorted(times[order], stamp, side="right")])
 
 
-def logged_channel(
-    name: str, time_s: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], source: str, **more: Any
-) -> Channel:
+def logged_channel(name: str, time_s: Series, values: Series, source: str, **more: Any) -> Channel:
     """Channel with the unit of its name, held where its name is that of what is held; see `clean_channel`."""
     unit, held = unit_of(name), held_by_default(name)
     return clean_channel(name, time_s, values, unit, source=source, held=held, **more)
@@ -553,7 +549,7 @@ MAX_SPAN_S = 1e6
 HORIZON_S = 1.0
 
 
-def believable(time_s: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+def believable(time_s: Series) -> Bool[np.ndarray, " n"]:
     """Which stamps can be: of the span of a log, and not far ahead of both their neighbours."""
     within = bool(np.all(np.abs(time_s[:1]) <= MAX_SPAN_S) and np.all(np.abs(time_s[-1:]) <= MAX_SPAN_S))
     if within and np.all(time_s[1:] >= time_s[:-1]):

@@ -15,6 +15,7 @@ from eivor.errors import ChannelMapError, EmptyLogError, ShapeError, UsageError,
 from eivor.logs import channel_map as maps
 from eivor.logs import common
 from eivor.signals.channels import canonical_channel, canonical_channels, held_by_default, unit_of
+from eivor.signals.filters import Series
 from eivor.signals.recording import Channel, Finding, Frame, LogOrigin, Recording, clean_channel, utc_time
 from eivor.tools import Bool, Float
 
@@ -186,7 +187,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 #: A column, NaN outside its valid range; how many of its values are outside it, and how many saturated.
-_Ranged = tuple[Float[np.ndarray, " n"], int, int]
+_Ranged = tuple[Series, int, int]
 
 
 def mapped_recording(
@@ -340,9 +341,7 @@ def _angle_findings(rules: Sequence[maps.ChannelRule], ranged: Mapping[str, _Ran
     return findings
 
 
-def _within(
-    values: Float[np.ndarray, " n"], missing: Bool[np.ndarray, " n"], bounds: maps.ValidRange | None
-) -> _Ranged:
+def _within(values: Series, missing: Bool[np.ndarray, " n"], bounds: maps.ValidRange | None) -> _Ranged:
     if bounds is None:
         return np.where(missing, np.nan, values) if missing.any() else values, 0, 0
     low, high, saturates = bounds
@@ -352,9 +351,7 @@ def _within(
     return np.where(outside | missing, np.nan, values), int(outside.sum()), int(saturated.sum())
 
 
-def _channel(
-    rule: maps.ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping[str, _Ranged]
-) -> Channel:
+def _channel(rule: maps.ChannelRule, time_s: Series, ranged: Mapping[str, _Ranged]) -> Channel:
     used = {column: ranged[column] for column in rule.expression.columns}
     values = rule.expression.evaluate({column: item for column, (item, *_) in used.items()}, time_s)
     return clean_channel(

@@ -24,6 +24,7 @@ from eivor.logs.dataflash.messages import (
     rows_of,
 )
 from eivor.signals.channels import CurveSide
+from eivor.signals.filters import Series
 from eivor.signals.recording import (
     HELICOPTER,
     ROTARY_WING,
@@ -42,7 +43,7 @@ DRY_AIR, ZERO_CELSIUS = 287.05, 273.15
 
 def _add_air_density(reading: ardupilot.MessageReading, table: Messages) -> None:
 
-    def values() -> Float[np.ndarray, " n"]:
+    def values() -> Series:
         return table.values("Press") / (DRY_AIR * (table.values("Temp") + ZERO_CELSIUS))
 
     if "air_temperature" in reading.channels:
@@ -139,9 +140,7 @@ def motor_range(parameters: Mapping[str, float]) -> MotorRange | None:
     return MotorRange(low, high, " and ".join(names), spin_min, spin_max, curve)
 
 
-def disagreement(
-    throttle: Float[np.ndarray, " n"], thrust: Float[np.ndarray, " n"], known: MotorRange
-) -> str:
+def disagreement(throttle: Series, thrust: Series, known: MotorRange) -> str:
     """Sentence on pulse widths that do not fit the throttle; empty where they do."""
     flight = np.isfinite(throttle) & np.isfinite(thrust) & (throttle > LEAST_THROTTLE)
     throttle_in, given = throttle[flight], thrust[flight]
@@ -207,7 +206,7 @@ def _add_outputs(reading: ardupilot.MessageReading, table: Messages) -> None:
     reading.findings.extend(common.noted("motor_range", "{}", doubt))
 
 
-def _voltage(table: Messages, reading: ardupilot.MessageReading) -> Float[np.ndarray, " n"]:
+def _voltage(table: Messages, reading: ardupilot.MessageReading) -> Series:
     """Ratio of the battery's voltage to its largest, by which the thrust is corrected; 1 where it is not."""
     motor_table = reading.table("MOTB")
     column = motor_table.first("BatVolt", "BV") if motor_table is not None else ""
@@ -302,7 +301,7 @@ def _add_attitude(reading: ardupilot.MessageReading, table: Messages) -> None:
         reading.add(f"attitude_{part}", table, partial(_quaternion, table, part), "ATT.Roll, .Pitch and .Yaw")
 
 
-def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
+def _quaternion(table: Messages, part: str) -> Series:
     # a yaw without jumps makes a quaternion without jumps of sign
     made = table.values("Yaw")
     made *= _DEG
@@ -337,7 +336,7 @@ def _add_setpoints(reading: ardupilot.MessageReading, table: Messages) -> None:
                 reading.add(f"{kind}{name}", table, make_setpoint, f"{table.name}.{column}")
 
 
-def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:
+def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None) -> Series:
     """Setpoint [rad, rad/s], and no value where it is of another kind; None where it is not."""
     values = table.values(column)
     values *= _DEG
@@ -347,7 +346,7 @@ def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None
     return values
 
 
-def _unwrapped(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _unwrapped(angle: Series) -> Series:
     """Take the jumps of whole turns out of an angle [rad], in place; zero where it cannot be one."""
     angle[~((angle > -LARGEST_ANGLE) & (angle < LARGEST_ANGLE))] = 0.0
     turns = np.diff(angle)
@@ -375,9 +374,7 @@ def _add_sweeps(reading: ardupilot.MessageReading, sweep: Messages) -> None:
         _add_sweep(reading, name, sweep, np.where(swept, sweep.values("Targ") * factor, 0.0))
 
 
-def _add_sweep(
-    reading: ardupilot.MessageReading, name: str, sweep: Messages, values: Float[np.ndarray, " n"]
-) -> None:
+def _add_sweep(reading: ardupilot.MessageReading, name: str, sweep: Messages, values: Series) -> None:
     """Add a sweep: beside its samples nothing is injected, and sticks ask for what they do."""
     given_channel = reading.channels.get(name)
     reading.add(name, sweep, np.nan_to_num(values), "SIDD.Targ")
@@ -571,7 +568,7 @@ def _add(reading: ardupilot.MessageReading, name: str, source: ardupilot.Message
     if source.zero_is_absent and not np.any(np.nan_to_num(table.values(source.column))):
         return
 
-    def values() -> Float[np.ndarray, " n"]:
+    def values() -> Series:
         result = table.values(source.column)
         result *= factor
         if source.needs_height_loop:
