@@ -22,10 +22,12 @@ from eivor.report.document import TableOf, shortened
 from eivor.tools import Float, printable
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    import matplotlib.axes
+    import matplotlib.figure
 
-
+#: Matplotlib's, which is loaded where something is drawn.
+Axes: TypeAlias = "matplotlib.axes.Axes"
+Figure: TypeAlias = "matplotlib.figure.Figure"
 #: What draws each panel of a figure into its Axes, by the panel's name.
 Panels: TypeAlias = "dict[str, Callable[[Axes], None]]"
 DPI = 110

@@ -6,7 +6,7 @@ import warnings
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -16,16 +16,12 @@ from eivor.estimation.bootstrap import autocovariance
 from eivor.flights.motion import UNCHANGED, HorizonErrors, MultiStepPrediction
 from eivor.inference.distributions import normal_quantile
 from eivor.report import figure_panels as plots
+from eivor.report.figure_panels import Axes, Figure
 from eivor.report.flight import display_unit
 from eivor.signals.channels import canonical_channel
 from eivor.signals.noise import LEAST_BANDWIDTH, estimate_long_memory
 from eivor.signals.signals import Signals
 from eivor.tools import Float, printable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 AHEAD_COLOURS = (plots.RED, plots.BLUE, "#8a6d3b")
 WIDTH_INCHES, ROW_INCHES = 11.0, 2.3

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, cycle
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,12 +19,9 @@ from eivor.inference.verdict import Status
 from eivor.models.spectral import BinRows, SpectralRun
 from eivor.report import figure_panels as plots
 from eivor.report.document import shortened
+from eivor.report.figure_panels import Axes, Figure
 from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table, plain_numbers
 from eivor.tools import Float, capitalised, printable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 #: Lags of the autocorrelation: so many samples at twice the band's highest frequency.
 AUTOCORRELATION_LAGS = 30

@@ -11,7 +11,6 @@ from functools import partial
 from importlib.util import find_spec
 from io import BytesIO
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -22,7 +21,7 @@ from eivor.flights.quantity import PlotData, Trace
 from eivor.flights.result import FlightEstimate, FlightRow, LogEstimate
 from eivor.report import flight_figures
 from eivor.report.document import Bullets, Cell, Document, Facts, Section, TableColumn, shortened, table
-from eivor.report.figure_panels import Chart, Line, Picture, Pictures, forest_picture, page
+from eivor.report.figure_panels import Axes, Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
 from eivor.report.flight import (
     CardEntry,
@@ -38,9 +37,6 @@ from eivor.report.html import rendered, uplot, whole_page
 from eivor.report.json_document import FitDocument, fit_document, json_document, log_document, number, plain
 from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table
 from eivor.tools import Float, capitalised, printable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 #: Code of a value that is not there, and the largest of one that is.
 MISSING, LARGEST = 65535, 65534

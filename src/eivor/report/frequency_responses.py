@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -25,13 +25,10 @@ from eivor.motions.rates.motion import AXES, BAND_SHARE, Rates
 from eivor.motions.table import motion_by_name
 from eivor.report import figure_panels as plots
 from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, section, table
+from eivor.report.figure_panels import Axes, Figure
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Recording
 from eivor.tools import Complex, Float, printable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 #: Numbers over frequency.
 Values: TypeAlias = Float[np.ndarray, " f"]

@@ -21,7 +21,7 @@ from eivor.flights.track import Track, relative_change
 from eivor.planning.plan import SECONDS, FlightPlan, MachinePlan, make_plan, plan_machine
 from eivor.planning.vehicle import FlightLimits, VehicleGuess, vehicle_of_result
 from eivor.report import document as doc
-from eivor.report.figure_panels import BLUE, RED, labelled, legend, page
+from eivor.report.figure_panels import BLUE, RED, Figure, labelled, legend, page
 from eivor.report.flight_figures import flight_runs, within_band
 from eivor.report.html import rendered
 from eivor.report.json_document import Json, document
@@ -33,7 +33,6 @@ from eivor.tools import printable
 
 if TYPE_CHECKING:
     import polars as pl
-    from matplotlib.figure import Figure
 
 
 SERIES = {"measured": "#262d36", "predicted": "#c03a2b", "residual": "#4d6478"}

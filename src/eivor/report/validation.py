@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from eivor.models.separable import NoInstruments
 from eivor.report import figure_panels as plots
 from eivor.report.document import Document, Facts, Section, TableColumn, TableOf, shortened, table
 from eivor.report.document import Figure as DocumentFigure
+from eivor.report.figure_panels import Axes, Figure
 from eivor.report.figures import prediction_page, prediction_panels
 from eivor.report.flight import prediction_parts, prediction_rows
 from eivor.report.json_document import Json, JsonPrediction, document, json_text, prediction_json
@@ -36,11 +37,6 @@ from eivor.report.rows import NO_NUMBER, QuantityRow
 from eivor.report.saved_fit import SavedFit
 from eivor.signals.recording import Recording
 from eivor.tools import Float, html_table, printable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 #: Level at which a flight contradicts a fit, over all quantities.
 CONTRADICTION_LEVEL = 0.05
