@@ -216,23 +216,17 @@ def _given(fitted: Fitted, supplied: Supplied, vehicle: KnownVehicle) -> dict[st
         if (item := getattr(vehicle, name)) is not None
     }
     known.setdefault("speed_scale", KnownNumber(1.0))
-    if _hovers_with_a_share(fitted, vehicle):
-        known["largest_command"] = KnownNumber(1.0)
+    gain = fitted.identified_number(MADE_OF[fitted.model]["thrust"])
+    if gain is not None and not fitted.input_measured:  # commands may be shares, as autopilots have them
+        rotors = 1 if fitted.model == VERTICAL else vehicle.count
+        if fitted.input_map.inverse(GRAVITY / (rotors * gain.value)) < 1.0:
+            known["largest_command"] = KnownNumber(1.0)
     known |= {
         name: prior for name, prior in supplied.priors.items() if fitted.identified_number(name) is None
     }
     if supplied.mass is not None:
         known["mass"] = supplied.mass
     return {name: Number(entry.value, entry.interval, "given") for name, entry in known.items()}
-
-
-def _hovers_with_a_share(fitted: Fitted, vehicle: KnownVehicle) -> bool:
-    """Whether commands are shares of the largest, as autopilots have them."""
-    gain = fitted.identified_number(MADE_OF[fitted.model]["thrust"])
-    if gain is None or fitted.input_measured:
-        return False
-    rotors = 1 if fitted.model == VERTICAL else vehicle.count
-    return fitted.input_map.inverse(GRAVITY / (rotors * gain.value)) < 1.0
 
 
 #: Why a number is missing: the quantities that the flight does not identify, or a sentence.
@@ -316,7 +310,8 @@ def _parts(
     if fitted.model == RIGID_BODY:
         mass, speed = (KnownNumber(given[name].value, _std(given[name])) for name in ("mass", "speed_scale"))
         known = replace(vehicle, mass=mass, speed_scale=speed)
-        implied = physical.physical_parameters(_identified(fitted), known)
+        identified = _identified(fitted)
+        implied = physical.physical_parameters(identified, known)
         for name in (*PHYSICAL, *FURTHER):
             number, formula = implied.numbers[name], implied.formulas[name]
             value, interval = number.value, number.interval
@@ -334,7 +329,7 @@ def _parts(
                 parts[name] = SimulatorNumber(Number(0.0, interval, source), lambda row: 0.0 * row["mass"])
             else:
                 bounds.extend(_left_out(fitted, WORDS[name], formula, interval))
-        parts |= _height(fitted, known)
+        parts |= _height(fitted, identified, known)
     for name, root in MADE_OF[fitted.model].items():
         root_number = fitted.identified_number(root) or given.get(root)
         if root_number is None:
@@ -372,9 +367,10 @@ def _root(number: Number, name: str, root: str, mass: Number, rotors: int) -> Si
     return SimulatorNumber(product, lambda columns: columns["mass"] * columns[root] * share)
 
 
-def _height(fitted: Fitted, known: KnownVehicle) -> dict[str, SimulatorNumber]:
+def _height(
+    fitted: Fitted, identified: physical.Combinations, known: KnownVehicle
+) -> dict[str, SimulatorNumber]:
     """Rotors above the centre of mass, where a flight distinguishes them from ones in its plane."""
-    identified = _identified(fitted)
     if not identified.has(*_HEIGHT.needed) or _HEIGHT.missing(known):
         return {}
     height = identified.value(_HEIGHT, known)

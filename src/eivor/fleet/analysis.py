@@ -624,7 +624,8 @@ class _Quantity:
 
 def fleet_reports(folder: Path, given: pl.DataFrame | None = None) -> tuple[FleetReport, ...]:
     """Reports of a folder."""
-    motions = [motion_by_name(name) for name in fleet_table.motions_there(folder)]
+    there = fleet_table.read_flights(folder, ["motion"])["motion"].drop_nulls().unique().sort()
+    motions = [motion_by_name(name) for name in there]
     columns = [name for motion in motions for name in wanted_columns(across_of(motion))]
     table = fleet_table.read_flights(folder, list(dict.fromkeys(columns)))
     if given is None:

@@ -239,12 +239,6 @@ def read_flights(folder: Path, columns: Sequence[str] | None = None) -> pl.DataF
     return table.sort(ORDER, nulls_last=True).select(columns)
 
 
-def motions_there(folder: Path) -> list[str]:
-    """Motions of which a fleet has rows, sorted by name; raises as `read_flights` does."""
-    results = (part["motion"].drop_nulls().unique().to_list() for part in _parts(folder, {"motion"}))
-    return sorted({name for names in results for name in names})
-
-
 def _parts(folder: Path, columns: Set[str] | None) -> list[pl.DataFrame]:
     files = part_files(folder)
     if not files:

@@ -107,11 +107,6 @@ def card_entries(results: Sequence[FlightEstimate]) -> list[CardEntry]:
     return entries
 
 
-def quantities_with_number(result: FlightEstimate) -> frozenset[str]:
-    """Quantities whose numbers the card has."""
-    return frozenset(entry.row.name for entry in _entries(result) if entry.look in WITH_NUMBER)
-
-
 def answered_reasons(result: FlightEstimate) -> frozenset[Reason]:
     """Reasons that the card gives, with what to do."""
     return frozenset(entry.reason for entry in _entries(result) if entry.look not in WITH_NUMBER)
@@ -550,7 +545,7 @@ def log_documents(result: LogEstimate, *, card: bool = False) -> tuple[doc.Docum
 def _sections(result: FlightEstimate, said: set[str], *, flight_card: bool) -> Iterator[doc.Section]:
     """Sections of a motion; what is of the log is said once of all motions."""
     motion = result.motion
-    numbers = quantities_with_number(result)
+    numbers = {entry.row.name for entry in _entries(result) if entry.look in WITH_NUMBER}  # the card has them
     others = tuple(
         row for row in reported_rows(result) if row.name not in numbers and math.isfinite(row.quantity.value)
     )

@@ -42,7 +42,10 @@ def template(name: str) -> Template:
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     folder = resources.files("eivor.report").joinpath("templates")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, finalize=_visible)
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    environment.finalize = lambda value: (
+        printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+    )
     environment.loader = FunctionLoader(
         lambda file: re.sub(r"\s*\n\s*", "", folder.joinpath(file).read_text(encoding="utf-8"))
     )
@@ -53,10 +56,6 @@ def template(name: str) -> Template:
     }
     environment.globals["shapes"] = SHAPES
     return environment.get_template(name)
-
-
-def _visible(value: object) -> object:
-    return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def rendered(file: str, /, **values: object) -> Markup:

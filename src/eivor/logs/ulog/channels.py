@@ -181,8 +181,8 @@ def ulog_origin(
     """Origin of a log."""
     name = _text(about.get("sys_name", b""))
     airframe = parameters.get("SYS_AUTOSTART", 0.0)
-    version = int.from_bytes(about.get("ver_sw_release", b"")[:4], "little")
-    release = f" {_release(version)}" if version else ""
+    kind, patch, minor, major = version = about.get("ver_sw_release", b"")[:4].ljust(4, b"\0")
+    release = f" {major}.{minor}.{patch}{KINDS.get(kind, ' development')}" if any(version) else ""
     return LogOrigin(
         board=_text(about.get("sys_uuid", b"")),
         airframe=f"{name} airframe {airframe:.0f}".strip() if airframe > 0.0 else "",
@@ -212,11 +212,6 @@ def since_start(stamps: np.ndarray, start: np.ndarray | np.uint64) -> Float[np.n
 def _text(content: bytes) -> str:
     text = content.decode("latin-1").strip("\0 ")
     return text if text.isprintable() else ""
-
-
-def _release(number: int) -> str:
-    major, minor, patch, kind = number.to_bytes(4, "big")
-    return f"{major}.{minor}.{patch}{KINDS.get(kind, ' development')}"
 
 
 #: Kinds of vehicles by vehicle_status.vehicle_type, how it moves at the time, by MAV_TYPE and by CA_AIRFRAME.
@@ -481,7 +476,11 @@ def read_topics(
     """Return all channels that topics hold."""
     delays = {name: topic_delays(topic, parameters) for name, topic in topics.items()}
     late = {name: sum((seconds for seconds, _ in causes), 0.0) for name, causes in delays.items()}
-    clocks = {name: _seconds(topic.fields["timestamp"], start) - late[name] for name, topic in topics.items()}
+    times = {name: since_start(topic.fields["timestamp"], start) for name, topic in topics.items()}
+    clocks = {
+        name: np.where(np.abs(time) > common.MAX_SPAN_S, np.nan, time) - late[name]
+        for name, time in times.items()
+    }
     ends = [float(np.nanmax(clock)) for clock in clocks.values() if np.isfinite(clock).any()]
     reading = _Reading(topics, clocks, late, max(ends, default=0.0), findings)
     sizes = {name: topic.size for name, topic in topics.items()}
@@ -524,12 +523,6 @@ def _reset_findings(reading: _Reading) -> list[Finding]:
         text = ", ".join(f"{time:.2f}" for time in times[:10]) + (", ..." if times.size > 10 else "")
         findings += common.noted("estimator_reset", f"The estimate of {meaning} jumps at {{}} s.", text)
     return findings
-
-
-def _seconds(stamps: np.ndarray, start: np.uint64) -> Float[np.ndarray, " n"]:
-    time = since_start(stamps, start)
-    time[np.abs(time) > common.MAX_SPAN_S] = np.nan
-    return time
 
 
 def _add_controller_velocity(reading: _Reading) -> None:
