@@ -411,50 +411,42 @@ def figure_file(text: str) -> Path | None:
     return path if text else None
 
 
-@dataclass(frozen=True, slots=True)
-class _Output:
-    """A file or a folder that the command writes, and the option that names it."""
-
-    option: str
-    path: Path
-    inside: tuple[str, ...]
-
-    def replaced(self) -> Iterable[Path]:
-        is_stream = str(self.path) == STANDARD_OUTPUT
-        return () if is_stream else (self.path, *_files_in(self.path, self.inside))
-
-    def writes(self, other: Path) -> bool:
-        spelling, path = _spelling(self.path), _spelling(other)
-        if any(fnmatchcase(path, f"{escape(spelling)}/{item}") for item in self.inside):
-            return True
-        keys = _key(self.path), _key(other)
-        is_device = other.exists() and not other.is_file() and not other.is_dir()
-        return keys[0] == keys[1] if None not in keys else spelling == path and not is_device
-
-
 #: Existing files that the command may replace, with the option that names each.
 _replaced_files: ContextVar[Mapping[tuple[int, int], tuple[str, Path]]] = ContextVar("replaced")
 
 
 def guard_outputs(context: Any) -> None:
     """Refuse a command whose outputs would replace a file that it reads, or each other."""
-    writes = ((name, Path(text), item) for name, item, text in declared(context) if isinstance(item, Writes))
-    outputs = [_Output(name, path, item.inside) for name, path, item in writes]
-    existing = ((_key(path), (output.option, path)) for output in outputs for path in output.replaced())
-    _replaced_files.set({key: item for key, item in existing if key is not None})
-    for name, item, text in declared(context):
+    given = list(declared(context))
+    outputs = [(name, Path(text), item.inside) for name, item, text in given if isinstance(item, Writes)]
+    replaced: dict[tuple[int, int] | None, tuple[str, Path]] = {}
+    for name, path, inside in outputs:
+        if str(path) != STANDARD_OUTPUT:
+            replaced |= {_key(item): (name, item) for item in (path, *_files_in(path, inside))}
+    _replaced_files.set({key: item for key, item in replaced.items() if key is not None})
+    for name, item, text in given:
         if isinstance(item, Reads):
             keep_inputs(name, item.paths(text))
-    for first, second in combinations(outputs, 2):
-        if first.writes(second.path) or second.writes(first.path):
+    for (first, path, inside), (second, other, others) in combinations(outputs, 2):
+        if _writes(path, inside, other) or _writes(other, others, path):
             raise UsageError(
-                f"different files for {first.option} and {second.option}",
-                f"'{second.path}', which both would write",
-                f"Give {second.option} another name.",
+                f"different files for {first} and {second}",
+                f"'{other}', which both would write",
+                f"Give {second} another name.",
             )
-    for output in outputs:
-        if not output.inside and str(output.path) != STANDARD_OUTPUT:
-            output_file(str(output.path), option=output.option)
+    for name, path, inside in outputs:
+        if not inside and str(path) != STANDARD_OUTPUT:
+            output_file(str(path), option=name)
+
+
+def _writes(path: Path, inside: tuple[str, ...], other: Path) -> bool:
+    """Whether what writes a file, or files inside of a folder, writes another one."""
+    spelling, of_other = _spelling(path), _spelling(other)
+    if any(fnmatchcase(of_other, f"{escape(spelling)}/{item}") for item in inside):
+        return True
+    keys = _key(path), _key(other)
+    is_device = other.exists() and not other.is_file() and not other.is_dir()
+    return keys[0] == keys[1] if None not in keys else spelling == of_other and not is_device
 
 
 def keep_inputs(name: str, paths: Iterable[Path]) -> None:
