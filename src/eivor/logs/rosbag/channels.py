@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,9 +72,7 @@ def _chosen(
     return px4.chosen_topics([*ways["out"], *received], findings)
 
 
-def _layouts(
-    raws: Sequence[ros.RawTopic], findings: list[Finding]
-) -> dict[str, Callable[[bytes], messages.MessageLayout]]:
+def _layouts(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> dict[str, messages.LayoutOf]:
     """How the messages of each topic are read: by its definition, or by the releases that fit."""
     layouts = {raw.name: raw.defined() for raw in raws if raw.text}
     unsaid = [raw for raw in raws if not raw.text]
@@ -109,7 +107,7 @@ def _fitting(raw: ros.RawTopic, numbers: Sequence[str]) -> set[str]:
     return result
 
 
-def _agreed(raw: ros.RawTopic, numbers: Sequence[str]) -> Callable[[bytes], messages.MessageLayout]:
+def _agreed(raw: ros.RawTopic, numbers: Sequence[str]) -> messages.LayoutOf:
     """What gives the layout of a message as far as some releases agree on it."""
     releases = messages.px4_releases()
     kinds = dict.fromkeys(releases[number].get(raw.kind) for number in numbers)

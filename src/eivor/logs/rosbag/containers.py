@@ -8,7 +8,7 @@ import sqlite3
 import struct
 import sys
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -55,7 +55,11 @@ class Budget:
             raise TooLargeError("it repeats itself far more often than a flight does")
         return made
 
-    def message(self, payload: bytes) -> bytes:
+    def message(self, data: bytes) -> bytes:
+        """Return a message that is kept, without the compression that it may have."""
+        payload = bytes(data)
+        if payload.startswith(ZSTD):
+            payload = self.decompressed(payload, _zstd().ZstdDecompressor)
         self.kept -= len(payload) + MESSAGE_BYTES
         if self.kept < 0:
             raise TooLargeError("its messages take more memory than max_bytes")
@@ -238,37 +242,21 @@ _REMEDIES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Container:
-    """One open file of a bag."""
-
-    reader: Any
-    ros1: bool
-    budget: Budget
-
-    def declared(self) -> Counter[str]:
-        """How many messages of each topic the indices say that there are."""
-        connections, most = self.reader.connections, Counter[int]()
-        tables = [info.connection_counts for info in getattr(self.reader, "chunk_infos", ())]
-        tables += [chunk.channel_count for chunk in getattr(self.reader, "chunks", ()) if not self.ros1]
-        for table in tables:
-            most.update(table)
-        if statistics := getattr(self.reader, "statistics", None):
-            most |= Counter(statistics.channel_message_counts)
-        most |= Counter({item.id: item.msgcount for item in connections})
-        names = {item.id: item.topic for item in connections}
-        total = Counter[str]()
-        for number, count in most.items():
-            total[names.get(number, f"a topic without a name (number {number})")] += count
-        return total
-
-    def messages(self, connections: Collection[Any]) -> Iterator[tuple[Any, int, bytes]]:
-        """Give messages in the order of the record: connection, time of the record [ns], bytes."""
-        for connection, record_ns, data in self.reader.messages(connections) if connections else ():
-            payload = bytes(data)
-            if payload.startswith(ZSTD):
-                payload = self.budget.decompressed(payload, _zstd().ZstdDecompressor)
-            yield connection, int(record_ns), payload
+def declared(reader: Any, *, ros1: bool) -> Counter[str]:
+    """How many messages of each topic the indices say that there are."""
+    connections, most = reader.connections, Counter[int]()
+    tables = [info.connection_counts for info in getattr(reader, "chunk_infos", ())]
+    tables += [chunk.channel_count for chunk in getattr(reader, "chunks", ()) if not ros1]
+    for table in tables:
+        most.update(table)
+    if statistics := getattr(reader, "statistics", None):
+        most |= Counter(statistics.channel_message_counts)
+    most |= Counter({item.id: item.msgcount for item in connections})
+    names = {item.id: item.topic for item in connections}
+    total = Counter[str]()
+    for number, count in most.items():
+        total[names.get(number, f"a topic without a name (number {number})")] += count
+    return total
 
 
 def check_installed() -> None:
@@ -283,8 +271,8 @@ def check_installed() -> None:
 
 
 @contextmanager
-def opened(file: Path, budget: Budget) -> Iterator[Container]:
-    """Open one file of a bag."""
+def opened(file: Path, budget: Budget) -> Iterator[tuple[Any, bool]]:
+    """Reader of one file of a bag, and whether that is of ROS 1."""
     import apsw
     from rosbags.rosbag1 import ReaderError as BagError
     from rosbags.rosbag2 import ReaderError
@@ -302,7 +290,7 @@ def opened(file: Path, budget: Budget) -> Iterator[Container]:
             reader = _reader(plain, kind, budget)
             reader.open()
             try:
-                yield Container(reader, kind == ROS1, budget)
+                yield reader, kind == ROS1
             finally:
                 reader.close()
     except (*DECODER_ERRORS, sqlite3.Error, *of_rosbags) as error:

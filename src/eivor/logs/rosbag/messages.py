@@ -128,6 +128,10 @@ class MessageLayout:
         return np.asarray(rows.view(np.dtype(kind))[:, 0])
 
 
+#: What gives the layout of a message.
+LayoutOf = Callable[[bytes], MessageLayout]
+
+
 def message_layout(message: bytes, kind: str, types: Types, *, ros1: bool) -> MessageLayout:
     """Return the layout of a message, and of all whose texts and sequences are as long."""
     if ros1:
@@ -226,7 +230,7 @@ MAX_LAYOUTS = 256
 Decoded = tuple[Mapping[str, np.ndarray], np.ndarray, str]
 
 
-def decoded(payloads: Sequence[bytes], layout_of: Callable[[bytes], MessageLayout]) -> Decoded:
+def decoded(payloads: Sequence[bytes], layout_of: LayoutOf) -> Decoded:
     """Read the messages of a topic."""
     tables: list[tuple[np.ndarray, np.ndarray]] = []
     reason, tried = "", 0

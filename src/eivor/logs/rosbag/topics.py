@@ -14,7 +14,7 @@ from eivor.logs.channel_map import ChannelMap, ChannelRule, columns_of
 from eivor.logs.common import MAX_SPAN_S, Columns, noted
 from eivor.logs.mapping import channels_by_clock, delay_findings, fitted_rules, listed
 from eivor.logs.rosbag import messages
-from eivor.logs.rosbag.containers import Budget, declared_by_metadata, opened
+from eivor.logs.rosbag.containers import Budget, declared, declared_by_metadata, opened
 from eivor.signals.channels import roll_pitch_yaw
 from eivor.signals.recording import Channel, Finding
 from eivor.tools import Float, Int
@@ -149,7 +149,7 @@ class RawTopic:
     payloads: list[bytes] = field(default_factory=list)
     record_ns: list[int] = field(default_factory=list)  # When they were recorded [ns]
 
-    def defined(self) -> Callable[[bytes], messages.MessageLayout]:
+    def defined(self) -> messages.LayoutOf:
         """What gives the layout of a message, by the bag's own definition or else by a common one."""
         types = {**messages.common_types()}
         if self.text:
@@ -221,28 +221,26 @@ def _lost(contents: Contents, metadata: Counter[str]) -> list[Finding]:
 def _add_file(file: Path, wanted: Callable[[str, str], bool], budget: Budget, contents: Contents) -> None:
     from rosbags.interfaces import MessageDefinitionFormat
 
-    with opened(file, budget) as container:
-        connections = container.reader.connections
+    with opened(file, budget) as (reader, ros1):
+        connections = reader.connections
         types = {item.id: messages.type_name(item.msgtype) for item in connections}
         contents.listed |= {item.topic: types[item.id] for item in connections if item.msgcount}
         chosen = [item for item in connections if wanted(item.topic, types[item.id])]
-        contents.declared += container.declared()
+        contents.declared += declared(reader, ros1=ros1)
         contents.wanted |= {item.topic for item in chosen}
-        for item, record_ns, payload in container.messages(chosen):
+        for item, record_ns, payload in reader.messages(chosen) if chosen else ():
             contents.received[item.topic] += 1
             raw = contents.topics.get(item.topic)
             if raw is None:
                 is_idl = item.msgdef.format is MessageDefinitionFormat.IDL
-                raw = RawTopic(item.topic, types[item.id], item.msgdef.data or "", is_idl, container.ros1)
+                raw = RawTopic(item.topic, types[item.id], item.msgdef.data or "", is_idl, ros1)
                 contents.topics[item.topic] = raw
             if raw.kind == types[item.id]:
                 raw.payloads.append(budget.message(payload))
-                raw.record_ns.append(record_ns)
+                raw.record_ns.append(int(record_ns))
 
 
-def as_columns(
-    raw: RawTopic, layout_of: Callable[[bytes], messages.MessageLayout], findings: list[Finding]
-) -> BagTopic | None:
+def as_columns(raw: RawTopic, layout_of: messages.LayoutOf, findings: list[Finding]) -> BagTopic | None:
     """Return a topic as columns; None when it has no sound message, or none that says when it is from."""
     made, indices, reason = messages.decoded(raw.payloads, layout_of)
     lost = len(raw.payloads) - indices.size

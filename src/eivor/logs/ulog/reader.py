@@ -196,12 +196,11 @@ class UlogContent:
         self._subscribed: set[int] = set()
         self._others: dict[int, int] = {}  # Messages of numbers that are not kept
         self._searched_bytes, self._markless_end = 0, -1
-        start, in_definitions = _HEADER_BYTES, True
+        start, self._defining = _HEADER_BYTES, True
         for end in (*_appended_offsets(data, name), len(data)):
             for kind, payload in self._messages(start, end):
-                in_definitions = in_definitions and kind not in b"ALC"
-                take = self._take_definition if in_definitions else self._take_other
-                self.rejected_messages += not take(kind, payload)
+                self._defining &= kind not in b"ALC"
+                self.rejected_messages += not self._take(kind, payload)
             start = end
         nameless = self._others.keys() - self._subscribed  # Of topics whose subscription is not there
         self.nameless_messages = sum(self._others[number] for number in nameless)
@@ -266,16 +265,22 @@ class UlogContent:
                 return start
         return end
 
-    def _take_definition(self, kind: int, payload: bytes) -> bool:
-        """Remember formats, parameters and what the log says of itself. False for unsound ones."""
+    def _take(self, kind: int, payload: bytes) -> bool:
+        """Keep definitions, and behind them dropouts; subscriptions anywhere. False for unsound ones."""
+        if kind == ord("A"):
+            return self._take_subscription(payload)
+        if kind == ord("O") and not self._defining:
+            if len(payload) == 2:
+                self.dropouts_ms.append(int.from_bytes(payload, "little"))
+            return len(payload) == 2
+        if kind not in b"FIP" or not self._defining:
+            return True
         if kind == ord("F"):
             name, colon, _ = _text(payload).partition(":")
             sound = bool(name and colon) and name not in self._formats
             if sound:
                 self._formats[name] = payload
             return sound
-        if kind not in b"PI":
-            return True
         size = payload[0]
         type_name, _, key = _text(payload[1 : 1 + size]).partition(" ")
         value = payload[1 + size :]
@@ -286,15 +291,6 @@ class UlogContent:
         sound = type_name in _PARAMETER_CODES and key != "" and " " not in key and len(value) == 4
         if sound:
             self.parameters[key] = float(struct.unpack(_PARAMETER_CODES[type_name], value)[0])
-        return sound
-
-    def _take_other(self, kind: int, payload: bytes) -> bool:
-        """Keep subscriptions of needed topics, and dropouts. False for unsound ones."""
-        if kind == ord("A"):
-            return self._take_subscription(payload)
-        sound = kind != ord("O") or len(payload) == 2
-        if kind == ord("O") and sound:
-            self.dropouts_ms.append(int.from_bytes(payload, "little"))
         return sound
 
     def _take_subscription(self, payload: bytes) -> bool:
