@@ -31,7 +31,7 @@ from eivor.report.document import Figure as DocumentFigure
 from eivor.report.figure_panels import Axes, Figure
 from eivor.report.figures import prediction_page, prediction_panels
 from eivor.report.flight import prediction_parts, prediction_rows
-from eivor.report.json_document import Json, JsonPrediction, document, json_text, prediction_json
+from eivor.report.json_document import JsonPrediction, document, json_text, prediction_json
 from eivor.report.outputs import saved_of
 from eivor.report.rows import NO_NUMBER, QuantityRow
 from eivor.report.saved_fit import SavedFit
@@ -40,6 +40,8 @@ from eivor.tools import Float, html_table, printable
 
 #: Level at which a flight contradicts a fit, over all quantities.
 CONTRADICTION_LEVEL = 0.05
+#: What documents have of a prediction.
+PREDICTED = ("model", "horizon", "quantity", "unit", "rms", "explained")
 COMPARED = {Status.IDENTIFIED, Status.WEAK}  # A number without instruments or excitation is none to compare
 
 
@@ -205,11 +207,50 @@ class Validation:
 
     def to_json(self) -> str:
         """Text of the JSON document that ``eivor validate --json`` writes, see docs/json.md."""
-        return json_text(_validation_json(self))
+        log, fitted = self.flight.recording, self.fit.document
+        return json_text(
+            document(
+                "eivor.validate/1",
+                log={"name": log.name, "sha256": log.sha256 or None},
+                fit={"logs": fitted.provenance.logs, "model": fitted.model.name, "verdict": self.fit.verdict},
+                predicts=self.predicts,
+                contradicted=[item.fit.name for item in self.contradictions],
+                sentence=self.sentence,
+                runs=self.spans_s,
+                samples=int(self.flight.used.sum()),
+                rate_hz=self.flight.signals.rate_hz,
+                band=self.flight.band_hz,
+                predictions=[{name: getattr(item, name) for name in PREDICTED} for item in self.predictions],
+                ahead=prediction_json(self.multi_step_prediction),
+                comparisons=[
+                    {"quantity": item.fit.name, "unit": item.fit.quantity.unit, "p_value": item.p_value}
+                    | {
+                        name: {"value": row.quantity.value, "interval": row.quantity.interval}
+                        for name, row in (("fit", item.fit), ("flight", item.flight))
+                    }
+                    for item in self.comparisons
+                ],
+            )
+        )
 
     def plot(self) -> Figure:
         """Figure: for each prediction what was measured and predicted, and below it what is left."""
-        return _validation_figure(self)
+        multi_step = self.multi_step_prediction
+        panels: plots.Panels = {} if multi_step is None else prediction_panels(multi_step)
+        for models in self.by_quantity:
+            name = models[0].horizon.value
+            panels[name] = partial(_draw_predicted, validation=self, models=models)
+            panels[f"{name} residual"] = partial(_draw_left, validation=self, models=models)
+        size, heights = (plots.SIZE_INCHES[0], plots.SIZE_INCHES[1] * len(panels) / 4.0), (1.6, 1.0)
+        if multi_step is None:
+            placed = plots.column_page(tuple(panels), size, heights=heights * (len(panels) // 2), shared=2)
+        else:
+            placed = prediction_page(tuple(panels))
+        figure = plots.drawn(panels, placed)
+        sentence = textwrap.fill(self.sentence, TITLE_LETTERS)
+        title = f"{shortened(printable(self.flight.recording.name))}\n{sentence}"
+        figure.suptitle(title, fontsize=11, parse_math=False)
+        return figure
 
 
 def validate(
@@ -375,36 +416,6 @@ def _rows(validation: Validation) -> list[tuple[str, ...]]:
     ]
 
 
-#: What documents have of a prediction.
-PREDICTED = ("model", "horizon", "quantity", "unit", "rms", "explained")
-
-
-def _validation_json(validation: Validation) -> dict[str, Json]:
-    log, fitted = validation.flight.recording, validation.fit.document
-    return document(
-        "eivor.validate/1",
-        log={"name": log.name, "sha256": log.sha256 or None},
-        fit={"logs": fitted.provenance.logs, "model": fitted.model.name, "verdict": validation.fit.verdict},
-        predicts=validation.predicts,
-        contradicted=[item.fit.name for item in validation.contradictions],
-        sentence=validation.sentence,
-        runs=validation.spans_s,
-        samples=int(validation.flight.used.sum()),
-        rate_hz=validation.flight.signals.rate_hz,
-        band=validation.flight.band_hz,
-        predictions=[{name: getattr(item, name) for name in PREDICTED} for item in validation.predictions],
-        ahead=prediction_json(validation.multi_step_prediction),
-        comparisons=[
-            {"quantity": item.fit.name, "unit": item.fit.quantity.unit, "p_value": item.p_value}
-            | {
-                name: {"value": row.quantity.value, "interval": row.quantity.interval}
-                for name, row in (("fit", item.fit), ("flight", item.flight))
-            }
-            for item in validation.comparisons
-        ],
-    )
-
-
 def validation_document(validation: Validation) -> Document:
     """Document of a validation."""
     steps = validation.multi_step_prediction
@@ -456,25 +467,6 @@ def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> TableOf:
 
 VALIDATION_COLOURS = (plots.RED, plots.BLUE, plots.GREY, "#8a6d3b")
 TITLE_LETTERS = 120
-
-
-def _validation_figure(validation: Validation) -> Figure:
-    multi_step = validation.multi_step_prediction
-    panels: plots.Panels = {} if multi_step is None else prediction_panels(multi_step)
-    for models in validation.by_quantity:
-        name = models[0].horizon.value
-        panels[name] = partial(_draw_predicted, validation=validation, models=models)
-        panels[f"{name} residual"] = partial(_draw_left, validation=validation, models=models)
-    size, heights = (plots.SIZE_INCHES[0], plots.SIZE_INCHES[1] * len(panels) / 4.0), (1.6, 1.0)
-    if multi_step is None:
-        placed = plots.column_page(tuple(panels), size, heights=heights * (len(panels) // 2), shared=2)
-    else:
-        placed = prediction_page(tuple(panels))
-    figure = plots.drawn(panels, placed)
-    sentence = textwrap.fill(validation.sentence, TITLE_LETTERS)
-    title = f"{shortened(printable(validation.flight.recording.name))}\n{sentence}"
-    figure.suptitle(title, fontsize=11, parse_math=False)
-    return figure
 
 
 def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
