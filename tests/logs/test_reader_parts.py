@@ -27,7 +27,7 @@ from eivor.logs.dataflash.messages import Messages, find_offsets, read_layouts
 from eivor.logs.rosbag import topics
 from eivor.logs.rosbag.messages import decoded, message_layout, parsed_types
 from eivor.logs.table.columnar import write_recording
-from eivor.logs.ulog.channels import _release
+from eivor.logs.ulog.channels import ulog_origin
 from eivor.motions.vertical.select import INPUTS
 from eivor.signals.channels import CurveSide, canonical_channel, held_by_default, unit_of
 from eivor.signals.recording import Channel, LogOrigin, utc_time
@@ -292,10 +292,13 @@ def test_channels_of_several_clocks_read_back_the_same(whole, tmp_path):
 START = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
 
-def test_versions_of_px4():
-    assert _release(0x010F01FF) == "1.15.1"
-    assert _release(0x010F0080) == "1.15.0 beta"
-    assert _release(0x01100000) == "1.16.0 development"
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [(0x010F01FF, "1.15.1"), (0x010F0080, "1.15.0 beta"), (0x01100000, "1.16.0 development")],
+)
+def test_versions_of_px4(number, text):
+    about = {"sys_name": b"PX4", "ver_sw_release": number.to_bytes(4, "little")}
+    assert ulog_origin(about, {}, np.uint64(0), {}).firmware == f"PX4 {text}"
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from eivor.motions.rigid_body.compatibility import (
     with_one_clock,
 )
 from eivor.motions.rigid_body.output_error import weights_of
-from eivor.report.rows import bounded_numbers
+from eivor.report.document import bounded_numbers
 from eivor.signals.recording import Frame
 from flights.flight_logs import channel
 from motions.turning_logs import BODY, body_flown

@@ -15,11 +15,10 @@ from eivor.flights.quantity import Quantity, QuantitySpec
 from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.inference.verdict import Cause, Reason, Status
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.document import Bullets, Card, CardLine, Document, Look, TableOf
+from eivor.report.document import NO_NUMBER, Bullets, Card, CardLine, Document, Look, QuantityRow, TableOf
 from eivor.report.flight import log_documents, result_card
 from eivor.report.inspection import inspection, inspection_document
 from eivor.report.json_document import json_document
-from eivor.report.rows import NO_NUMBER, QuantityRow
 from eivor.report.terminal import on_terminal
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Finding, Recording

@@ -23,7 +23,6 @@ from eivor.report import figure_panels as plots
 from eivor.report.flight_page import Figures
 from eivor.report.html import rendered, whole_page
 from eivor.report.json_document import Json, document
-from eivor.report.rows import NO_NUMBER, axis_of, number_table, plain_numbers, symbol_of
 from eivor.tools import capitalised
 
 Row = Mapping[str, Any]
@@ -43,7 +42,7 @@ def interval_text(row: Row, wording: QuantitySpec, names: tuple[str, str, str]) 
     value, low, high = _scaled(row, names, wording.scale)
     if 0.0 < FAR * value < high:
         return _two_digits(value), f"[{_two_digits(low)}, {_two_digits(high)}]"
-    return plain_numbers(value, (low, high))
+    return doc.plain_numbers(value, (low, high))
 
 
 def _scaled(row: Row, names: Iterable[str], scale: float) -> list[float]:
@@ -71,18 +70,18 @@ def between_text(row: Row, across: AcrossFlights, wording: QuantitySpec) -> tupl
     names, scale = ("between", "between_low", "between_high"), 100.0 if across.logarithm else wording.scale
     value, low, high = _scaled(row, names, scale)
     if math.isnan(value + low + high):
-        return NO_NUMBER, ""
+        return doc.NO_NUMBER, ""
     if across.logarithm:
         return f"{value:.1f} %", f"[{low:.1f}, {high:.1f}]"
-    return plain_numbers(value, (low, high))
+    return doc.plain_numbers(value, (low, high))
 
 
 def next_text(row: Row, wording: QuantitySpec) -> str:
     """Interval of the next member, with a mark where there are few; none where it has no end."""
     if None in (row["next_low"], row["next_high"]):
-        return NO_NUMBER
+        return doc.NO_NUMBER
     ends = (row["next_low"] * wording.scale, row["next_high"] * wording.scale)
-    _, interval = plain_numbers(row["mean"] * wording.scale, ends)
+    _, interval = doc.plain_numbers(row["mean"] * wording.scale, ends)
     return f"{interval} *" if row["pooled"] < FEW else interval
 
 
@@ -119,7 +118,7 @@ def _effect(report: fleet.FleetReport, across: AcrossFlights, row: Row, name: st
     wording = report.motion.quantities[across.name]
     scale, unit = (100.0, " %") if across.logarithm else (wording.scale, f" {wording.shown_unit}".rstrip())
     value, low, high = _scaled(row, (name, f"{name}_low", f"{name}_high"), scale)
-    value_text, interval = plain_numbers(value, (low, high))
+    value_text, interval = doc.plain_numbers(value, (low, high))
     return f"{value_text}{unit} {interval}"
 
 
@@ -278,7 +277,7 @@ def _deviating(
         name = linked(row["name"], row["sha256"], links or {})
         value = doc.Cell(*interval_text(row, wording, ("value", "low", "high")))
         expected = f"{row['expected'] * wording.scale:.4g}"
-        cells.append((name, row["vehicle"], f"{wording.words} {symbol_of(wording)}", value, expected))
+        cells.append((name, row["vehicle"], f"{wording.words} {doc.symbol_of(wording)}", value, expected))
     columns = (
         doc.TableColumn("flight", strong=True),
         "vehicle",
@@ -313,7 +312,7 @@ def _members(report: fleet.FleetReport, rows: Sequence[Row], of: str) -> doc.Tab
         omitted = f"{row['left_out']} left out" if row.get("left_out") else ""
         line = (
             "" if member in seen else member[-1],
-            f"{wording.words} {symbol_of(wording)}",
+            f"{wording.words} {doc.symbol_of(wording)}",
             doc.Cell(*mean_text(row, wording)),
             doc.Cell(*between_text(row, across, wording)),
             next_text(row, wording),
@@ -388,7 +387,7 @@ def _forests(report: fleet.FleetReport) -> Iterator[plots.Picture]:
             *(_forest_row(row, wording, several=several) for row in rows.iter_rows(named=True)),
             *(_forest_row(row, wording) for row in types.iter_rows(named=True)),
         ]
-        yield plots.forest_picture(capitalised(wording.words), axis_of(wording), drawn)
+        yield plots.forest_picture(capitalised(wording.words), doc.axis_of(wording), drawn)
 
 
 def _forest_row(row: Row, wording: QuantitySpec, *, several: bool = False) -> plots.PlottedInterval:
@@ -425,8 +424,8 @@ def _line(
     numbers = used.select(pl.col(f"{across.name}.value"), *fleet.flight_interval(across))
     value, low, high = (wording.scale * number.to_numpy() for number in numbers)
     flights = [linked(name, sha256, links) for name, sha256 in used.select("name", "sha256").iter_rows()]
-    symbol = symbol_of(wording)
-    table = number_table(
+    symbol = doc.symbol_of(wording)
+    table = doc.number_table(
         ("flight hours", symbol, "low", "high", "flight"),
         zip(hours.tolist(), value.tolist(), low.tolist(), high.tolist(), flights, strict=True),
     )

@@ -27,15 +27,6 @@ from eivor.logs.read import log_format
 from eivor.motions.vertical.model import curve_in_force, in_common
 from eivor.report import document as doc
 from eivor.report.document import Card, CardGroup, CardLine, Look
-from eivor.report.rows import (
-    NO_NUMBER,
-    QuantityRow,
-    bounded_numbers,
-    plain_numbers,
-    quantity_rows,
-    symbol_of,
-    verdict_label,
-)
 from eivor.signals.channels import common_side
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
@@ -63,7 +54,7 @@ class CardEntry:
     """A quantity of a result that the card has."""
 
     result: FlightEstimate
-    row: QuantityRow
+    row: doc.QuantityRow
     words: str
     look: Look
     change: ParameterChange | None
@@ -116,14 +107,14 @@ def _entries(result: FlightEstimate) -> Iterator[CardEntry]:
     changes = {change.quantity: change for change in _changes(result)}
     quantities = result.motion.quantities
     listed = {*quantities.rows, *quantities.headline, *changes}
-    for row in quantity_rows(result.quantities, quantities):
+    for row in doc.quantity_rows(result.quantities, quantities):
         if row.name in listed:
             change = changes.get(row.name)
             words = change.parameter.words if change and change.estimate else row.wording.words
             yield CardEntry(result, row, words, _look(row, result), change)
 
 
-def _look(row: QuantityRow, result: FlightEstimate) -> Look:
+def _look(row: doc.QuantityRow, result: FlightEstimate) -> Look:
     status = row.quantity.verdict
     if status in (Status.IDENTIFIED, Status.WEAK):
         return Look(status.value)
@@ -177,7 +168,7 @@ def _line(entry: CardEntry) -> CardLine:
     name, old = change.parameter.name, f"{change.old:.4g}"
     if change.new is None:
         return replace(line, setting=f"{name} is {old}", remark=_remark(change))
-    new, _ = plain_numbers(change.new.value, change.new.interval)
+    new, _ = doc.plain_numbers(change.new.value, change.new.interval)
     set_to = {"setting": f"{name} {old} -> {new}", "command": f"param set {name} {new}"}
     return replace(line, remark=_remark(change), **set_to)
 
@@ -442,15 +433,15 @@ _SENTENCES = re.compile(r"(?<=\.) (?=[A-Z])")
 QUIET_FINDINGS = ("epoch_time",)
 
 
-def row_quantities(row: FlightRow, motion: Motion[Any]) -> tuple[QuantityRow, ...]:
+def row_quantities(row: FlightRow, motion: Motion[Any]) -> tuple[doc.QuantityRow, ...]:
     """The motion's `rows` of one flight or method, without numbers where nothing was estimated."""
     wording = {name: motion.quantities[name] for name in motion.quantities.rows}
-    return quantity_rows(not_estimated(motion) | dict(row.quantities), wording)
+    return doc.quantity_rows(not_estimated(motion) | dict(row.quantities), wording)
 
 
-def reported_rows(result: FlightEstimate) -> tuple[QuantityRow, ...]:
+def reported_rows(result: FlightEstimate) -> tuple[doc.QuantityRow, ...]:
     """Quantities of a result in the order of reports."""
-    return quantity_rows(result.quantities, result.motion.quantities)
+    return doc.quantity_rows(result.quantities, result.motion.quantities)
 
 
 def further_reasons(result: FlightEstimate) -> dict[Reason, list[str]]:
@@ -600,7 +591,7 @@ def _facts(result: FlightEstimate) -> doc.Facts:
     return doc.Facts(tuple(facts.items()))
 
 
-def _quantity_table(quantities: tuple[QuantityRow, ...]) -> doc.TableOf:
+def _quantity_table(quantities: tuple[doc.QuantityRow, ...]) -> doc.TableOf:
     rows = []
     for row in quantities:
         verdict, wording = doc.Cell(row.label, status=row.quantity.verdict), row.wording
@@ -614,8 +605,8 @@ def _implied(implications: Implications) -> Iterator[doc.Part]:
     rows = []
     for number in implications.numbers:
         if number.value is not None and number.interval is not None:
-            verdict = doc.Cell(verdict_label(number.verdict, number.interval), status=number.verdict)
-            numbers = bounded_numbers(number.value, number.interval)
+            verdict = doc.Cell(doc.verdict_label(number.verdict, number.interval), status=number.verdict)
+            numbers = doc.bounded_numbers(number.value, number.interval)
             unit = number.unit.replace("^2", "²")
             rows.append((number.words, number.symbol, *numbers, unit, verdict))
     if rows:
@@ -628,19 +619,19 @@ def _figures(figures: Sequence[KeyFigure]) -> Iterator[tuple[str, str]]:
     """A line for each key figure; those of single motors share one, without their intervals."""
     for words, group in groupby(figures, lambda figure: figure.words):
         alike = tuple(group)
-        numbers = [plain_numbers(figure.value, figure.interval or NO_INTERVAL) for figure in alike]
+        numbers = [doc.plain_numbers(figure.value, figure.interval or NO_INTERVAL) for figure in alike]
         text = ", ".join(value for value, _ in numbers)
         interval = numbers[0][1] if len(alike) == 1 and alike[0].interval else ""
         yield words, " ".join(filter(None, (text, interval, alike[0].unit.replace("^2", "²"))))
 
 
-def _row_table(rows: Sequence[tuple[FlightRow, Sequence[QuantityRow]]], label: str) -> doc.TableOf:
-    titles = [symbol_of(quantity.wording) for quantity in rows[0][1]]
+def _row_table(rows: Sequence[tuple[FlightRow, Sequence[doc.QuantityRow]]], label: str) -> doc.TableOf:
+    titles = [doc.symbol_of(quantity.wording) for quantity in rows[0][1]]
     columns = (doc.TableColumn(label), *(doc.TableColumn(title, strong=True, whole=True) for title in titles))
     cells = []
     for row, quantities in rows:
         texts = [quantity.texts for quantity in quantities]
-        numbers = (doc.Cell(value, "" if value == NO_NUMBER else interval) for value, interval in texts)
+        numbers = (doc.Cell(value, "" if value == doc.NO_NUMBER else interval) for value, interval in texts)
         cells.append((doc.Cell(row.label, row.verdict.label, row.verdict), *numbers))
     return doc.table(columns, cells)
 
@@ -652,4 +643,4 @@ def _flight_table(result: FlightEstimate) -> doc.TableOf:
         for name, words in result.motion.quantities.items()
         if all(name in table for table in tables) and len({table[name].value for table in tables}) > 1
     }
-    return _row_table([(row, quantity_rows(row.quantities, wording)) for row in result.by_flight], "log")
+    return _row_table([(row, doc.quantity_rows(row.quantities, wording)) for row in result.by_flight], "log")

@@ -18,9 +18,8 @@ from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Status
 from eivor.models.spectral import BinRows, SpectralRun
 from eivor.report import figure_panels as plots
-from eivor.report.document import shortened
+from eivor.report.document import NO_NUMBER, QuantityRow, axis_of, number_table, plain_numbers, shortened
 from eivor.report.figure_panels import Axes, Figure
-from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table, plain_numbers
 from eivor.tools import Float, capitalised, printable
 
 #: Lags of the autocorrelation: so many samples at twice the band's highest frequency.

@@ -19,8 +19,8 @@ from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import PlotData, Trace
 from eivor.flights.result import FlightEstimate, FlightRow, LogEstimate
+from eivor.report import document as doc
 from eivor.report import flight_figures
-from eivor.report.document import Bullets, Cell, Document, Facts, Section, TableColumn, shortened, table
 from eivor.report.figure_panels import Axes, Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
 from eivor.report.flight import (
@@ -35,7 +35,6 @@ from eivor.report.flight import (
 from eivor.report.frequency_responses import response_pictures
 from eivor.report.html import rendered, uplot, whole_page
 from eivor.report.json_document import FitDocument, fit_document, json_document, log_document, number, plain
-from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table
 from eivor.tools import Float, capitalised, printable
 
 #: Code of a value that is not there, and the largest of one that is.
@@ -164,7 +163,7 @@ def drawing(draw: Callable[[Axes], None], name: str, height: float) -> str:
 
 
 def _forests(
-    result: FlightEstimate, rows: Sequence[FlightRow], whole: Mapping[str, QuantityRow]
+    result: FlightEstimate, rows: Sequence[FlightRow], whole: Mapping[str, doc.QuantityRow]
 ) -> Iterator[Picture]:
     """Forest of each quantity of a motion's `rows`; below them that of the whole, if any. None of no rows."""
     motion = result.motion
@@ -174,7 +173,7 @@ def _forests(
         if name in whole:
             drawn.append(replace(flight_figures.quantity_interval("all together", whole[name]), whole=True))
         wording = motion.quantities[name]
-        yield forest_picture(capitalised(wording.words), axis_of(wording), drawn)
+        yield forest_picture(capitalised(wording.words), doc.axis_of(wording), drawn)
 
 
 def _prediction_pictures(prediction: MultiStepPrediction) -> Iterator[Picture]:
@@ -212,7 +211,7 @@ def _fitted(
             rows.append((*times, *np.sqrt(np.mean(part**2, axis=0)).tolist()))
             parts.append(part)
         of_rms = (f"RMS {what} [{trace.unit}]" for what in ("measured", "predicted", "left"))
-        table = number_table(("from [s]", "to [s]", "samples", *of_rms), rows)
+        table = doc.number_table(("from [s]", "to [s]", "samples", *of_rms), rows)
         measured, predicted, left = np.concatenate(parts).T
         low, high = flight_figures.band_of(trace, runs[0])
         passed = f"Both are band-passed {low:.2f} to {high:.0f} Hz.{_hatched(flight)}"
@@ -244,7 +243,7 @@ def _flown(number: int, flight: PreparedFlight, result: FlightEstimate) -> Itera
             there = line.values[np.isfinite(line.values)]
             measures = (there.min, there.mean, there.max, there.std)
             rows.append((line.label, *(float(of()) if there.size else np.nan for of in measures)))
-        table = number_table(("series", "least", "mean", "greatest", "standard deviation"), rows)
+        table = doc.number_table(("series", "least", "mean", "greatest", "standard deviation"), rows)
         chart = _chart(number, flight, unit.removesuffix("]"), flight.grid.time_s, tuple(lines))
         yield Picture(title, f"{known}{_hatched(flight)}", chart, table)
 
@@ -297,7 +296,7 @@ def flight_page(result: FlightEstimate | LogEstimate) -> str:
     provenance, options = _provenance(fit_document(first))
     logs = [flight.recording.name for flight in first.prepared]
     title = ", ".join(logs[:NAMED])
-    title = shortened(title if len(logs) <= NAMED else f"{len(logs)} flights: {title}, …", LONGEST_TITLE)
+    title = doc.shortened(title if len(logs) <= NAMED else f"{len(logs)} flights: {title}, …", LONGEST_TITLE)
     body = rendered(
         "flight.html",
         title=title,
@@ -321,12 +320,12 @@ def flight_page(result: FlightEstimate | LogEstimate) -> str:
 
 def _motion(
     result: FlightEstimate,
-    document: Document,
+    document: doc.Document,
     figures: Figures,
     over_time: Iterable[Pictures],
     *,
     alone: bool,
-) -> tuple[str, list[tuple[str, str, Section]], dict[str, Markup]]:
+) -> tuple[str, list[tuple[str, str, doc.Section]], dict[str, Markup]]:
     """Heading of a motion where there are several, its sections with their names, and its pictures."""
     prediction = result.multi_step_prediction
     of_fit = () if result.fit is None else flight_figures.fit_pictures(result, result.fit)
@@ -362,30 +361,30 @@ def _reading(entry: CardEntry) -> dict[str, object]:
     }
 
 
-def _displayed(section: Section, result: FlightEstimate) -> Section:
+def _displayed(section: doc.Section, result: FlightEstimate) -> doc.Section:
     if section.heading != "Figure":
         return section
     omitted = len(result.prepared) - MOST_FLIGHTS
     more = f"The first {MOST_FLIGHTS} flights are drawn over time; {omitted} more are in the tables."
-    return Section("Pictures", (*((Bullets((more,)),) if omitted > 0 else ()), *section.parts))
+    return doc.Section("Pictures", (*((doc.Bullets((more,)),) if omitted > 0 else ()), *section.parts))
 
 
-def _provenance(tree: FitDocument) -> tuple[Section, Facts]:
+def _provenance(tree: FitDocument) -> tuple[doc.Section, doc.Facts]:
     made = tree.provenance
-    rows: list[tuple[str | Cell, ...]] = []
+    rows: list[tuple[str | doc.Cell, ...]] = []
     for log, source in zip(tree.logs, made.logs, strict=True):
         checksum = f"SHA-256 {source['sha256']}" if source["sha256"] else ""
         counts = (str(log.runs), str(log.samples), f"{log.rate_hz:g}")
         spans = (
-            NO_NUMBER if pair is None else f"{pair[0]:.2f} to {pair[1]:.2f}"
+            doc.NO_NUMBER if pair is None else f"{pair[0]:.2f} to {pair[1]:.2f}"
             for pair in (log.span, log.window)
         )
-        rows.append((Cell(log.name, checksum), log.format, *spans, *counts))
-    columns = (TableColumn(title, whole=title not in TITLES[:2]) for title in TITLES)
+        rows.append((doc.Cell(log.name, checksum), log.format, *spans, *counts))
+    columns = (doc.TableColumn(title, whole=title not in TITLES[:2]) for title in TITLES)
     facts = (("made by", f"Eivor {made.version}"), ("schema", tree.schema_))
     options = plain(made.options)
     given = ((name, _option(item)) for name, item in options.items() if item not in (None, "", [], {}))
-    return Section("Provenance", (Facts(facts), table(columns, rows))), Facts(tuple(given))
+    return doc.Section("Provenance", (doc.Facts(facts), doc.table(columns, rows))), doc.Facts(tuple(given))
 
 
 def _option(value: object) -> str:

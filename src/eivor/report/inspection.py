@@ -29,7 +29,6 @@ from eivor.report.flight import (
     spans_of,
 )
 from eivor.report.json_document import Json, document
-from eivor.report.rows import NO_NUMBER, plain_numbers
 from eivor.signals.recording import Channel, Finding, MadeChannels, Recording
 from eivor.tools import capitalised
 
@@ -214,7 +213,7 @@ def calibration_document(result: Inspection) -> doc.Document:
 
 def _numbers(row: Calibration) -> tuple[str, str]:
     known = math.isfinite(row.value)
-    return plain_numbers(row.value, row.interval) if known else ("not known", NO_NUMBER)
+    return doc.plain_numbers(row.value, row.interval) if known else ("not known", doc.NO_NUMBER)
 
 
 def _sections(result: Inspection) -> Iterator[doc.Section]:
@@ -253,7 +252,7 @@ def _channel_table(result: Inspection) -> doc.TableOf:
         channel, rate = item.channel, item.channel.rate_hz
         # of what happens now and then two digits, which a tenth would make nothing
         text = f"{rate:.1f}" if rate >= 1.0 or not rate else f"{rate:.2g}"
-        span = NO_NUMBER
+        span = doc.NO_NUMBER
         if math.isfinite(item.lowest):
             span = f"{item.lowest:.4g} to {item.highest:.4g} {channel.unit}".rstrip()
         remarks = "; ".join(_remarks(item))

@@ -22,8 +22,8 @@ from eivor.flights.quantity import KeyFigure, Kind, SimpleModel, SystematicUncer
 from eivor.flights.result import Fit, FlightEstimate, FlightRow, LogEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import curve_in_force, in_common
+from eivor.report.document import QuantityRow, quantity_rows
 from eivor.report.flight import result_card, row_quantities
-from eivor.report.rows import QuantityRow, quantity_rows
 from eivor.signals.channels import common_side
 from eivor.signals.recording import Finding
 

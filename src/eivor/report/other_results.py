@@ -26,7 +26,6 @@ from eivor.report.flight_figures import flight_runs, within_band
 from eivor.report.html import rendered
 from eivor.report.json_document import Json, document
 from eivor.report.outputs import saved_of
-from eivor.report.rows import NO_NUMBER, plain_numbers
 from eivor.report.saved_fit import SavedFit
 from eivor.signals.signals import stretches
 from eivor.tools import printable
@@ -219,10 +218,10 @@ def _table(track: Track) -> doc.TableOf:
     first = track.precise_moments[0].value if track.precise_moments else None
     rows = []
     for item in _thinned(track):
-        value, interval = NO_NUMBER, NO_NUMBER
+        value, interval = doc.NO_NUMBER, doc.NO_NUMBER
         if item.is_precise:
             scaled = wording.scale * item.value, wording.scale * item.half_width
-            value, interval = plain_numbers(scaled[0], (scaled[0] - scaled[1], scaled[0] + scaled[1]))
+            value, interval = doc.plain_numbers(scaled[0], (scaled[0] - scaled[1], scaled[0] + scaled[1]))
         share = f"{100.0 * item.value / first:.0f} %" if item.is_precise and first else ""
         note = {1: "rose", -1: "fell", 0: ""}[item.change]
         rows.append((f"{item.time_s:.1f}", value, interval, share, note))

@@ -25,15 +25,13 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
+from eivor.report import document as doc
 from eivor.report import figure_panels as plots
-from eivor.report.document import Document, Facts, Section, TableColumn, TableOf, shortened, table
-from eivor.report.document import Figure as DocumentFigure
 from eivor.report.figure_panels import Axes, Figure
 from eivor.report.figures import prediction_page, prediction_panels
 from eivor.report.flight import prediction_parts, prediction_rows
 from eivor.report.json_document import JsonPrediction, document, json_text, prediction_json
 from eivor.report.outputs import saved_of
-from eivor.report.rows import NO_NUMBER, QuantityRow
 from eivor.report.saved_fit import SavedFit
 from eivor.signals.recording import Recording
 from eivor.tools import Float, html_table, printable
@@ -49,8 +47,8 @@ COMPARED = {Status.IDENTIFIED, Status.WEAK}  # A number without instruments or e
 class QuantityComparison:
     """A quantity of a fit, and of the flight that is predicted alone."""
 
-    fit: QuantityRow
-    flight: QuantityRow
+    fit: doc.QuantityRow
+    flight: doc.QuantityRow
     p_value: float  # Of no difference, over all that are compared; NaN when either does not identify it
 
     @property
@@ -68,7 +66,7 @@ def quantity_comparisons(
         compared = parameter or spec.need or name == EFFECTIVE_LAG
         if spec.by_run or not compared or name not in fit or name not in flight:
             continue
-        pair = QuantityRow(name, spec, _summed(fit, name)), QuantityRow(name, spec, flight[name])
+        pair = doc.QuantityRow(name, spec, _summed(fit, name)), doc.QuantityRow(name, spec, flight[name])
         first, second = (row.quantity for row in pair)
         spread = max(math.hypot(first.half_width, second.half_width), np.finfo(np.float64).tiny)
         distance = normal_quantile(0.95) * (second.value - first.value) / spread
@@ -248,7 +246,7 @@ class Validation:
             placed = prediction_page(tuple(panels))
         figure = plots.drawn(panels, placed)
         sentence = textwrap.fill(self.sentence, TITLE_LETTERS)
-        title = f"{shortened(printable(self.flight.recording.name))}\n{sentence}"
+        title = f"{doc.shortened(printable(self.flight.recording.name))}\n{sentence}"
         figure.suptitle(title, fontsize=11, parse_math=False)
         return figure
 
@@ -410,30 +408,30 @@ def _rows(validation: Validation) -> list[tuple[str, ...]]:
             item.words,
             f"{item.rms:.3g}",
             item.unit,
-            f"{item.explained:.1%}" if math.isfinite(item.explained) else NO_NUMBER,
+            f"{item.explained:.1%}" if math.isfinite(item.explained) else doc.NO_NUMBER,
         )
         for item in validation.predictions
     ]
 
 
-def validation_document(validation: Validation) -> Document:
+def validation_document(validation: Validation) -> doc.Document:
     """Document of a validation."""
     steps = validation.multi_step_prediction
-    columns = ("predicted", "by", TableColumn("RMS error", right=True, strong=True), "unit")
+    columns = ("predicted", "by", doc.TableColumn("RMS error", right=True, strong=True), "unit")
     rows, before = [], ""
     for what, *others in _rows(validation):
         rows.append(("" if what == before else what, *others))
         before = what
-    models = table((*columns, TableColumn("explained", right=True)), rows)
+    models = doc.table((*columns, doc.TableColumn("explained", right=True)), rows)
     parts = (models,) if steps is None else prediction_parts(steps, sentence=False)
-    sections = [Section("", (_validation_facts(validation), *parts))]
+    sections = [doc.Section("", (_validation_facts(validation), *parts))]
     if validation.comparisons:
-        sections.append(Section("This flight by itself", (_comparison_table(validation.comparisons),)))
-    sections.append(Section("Figure", (DocumentFigure("validation"),)))
-    return Document(validation.flight.recording.name, validation.sentence, tuple(sections))
+        sections.append(doc.Section("This flight by itself", (_comparison_table(validation.comparisons),)))
+    sections.append(doc.Section("Figure", (doc.Figure("validation"),)))
+    return doc.Document(validation.flight.recording.name, validation.sentence, tuple(sections))
 
 
-def _validation_facts(validation: Validation) -> Facts:
+def _validation_facts(validation: Validation) -> doc.Facts:
     logs = ", ".join(str(log.get("name")) for log in validation.fit.document.provenance.logs)
     verdict, flight = validation.fit.verdict, validation.flight
     runs, multi_step = len(flight.runs), validation.multi_step_prediction
@@ -449,11 +447,11 @@ def _validation_facts(validation: Validation) -> Facts:
         low, high = flight.band_hz
         facts["fitted"] = "the trim and the start of each run, for every model alike"
         facts["band"] = f"{low:g} to {high:g} Hz, one step ahead; all frequencies in open loop"
-    return Facts(tuple(facts.items()))
+    return doc.Facts(tuple(facts.items()))
 
 
-def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> TableOf:
-    number = partial(TableColumn, right=True, strong=True)
+def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> doc.TableOf:
+    number = partial(doc.TableColumn, right=True, strong=True)
     interval, rows = "95 % interval", []
     columns = ("quantity", number("fit"), interval, number("flight"), interval, "unit", "p-value")
     for item in comparisons:
@@ -462,7 +460,7 @@ def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> TableOf:
         p_value = "not compared" if math.isnan(item.p_value) else p_value
         unit = wording.shown_unit or wording.unit
         rows.append((wording.words, *item.fit.texts, *item.flight.texts, unit, p_value))
-    return table(columns, rows)
+    return doc.table(columns, rows)
 
 
 VALIDATION_COLOURS = (plots.RED, plots.BLUE, plots.GREY, "#8a6d3b")
