@@ -48,7 +48,7 @@ def _write_residuals(result: LogEstimate, folder: Path) -> None:
 
 
 def identify(typed: SimpleNamespace) -> cli.ExitCode:
-    """Do what `eivor.cli.identify.identify` declares."""
+    """Do what `eivor.cli.options.identify` declares."""
     picture = cli.figure_file(typed.figure)
     result, needed = result_of(typed)
     cli.deliver_result(
@@ -63,7 +63,7 @@ def identify(typed: SimpleNamespace) -> cli.ExitCode:
 
 
 def report(typed: SimpleNamespace) -> cli.ExitCode:
-    """Do what `eivor.cli.identify.report` declares."""
+    """Do what `eivor.cli.options.report` declares."""
     out = typed.out
     if not out:
         raise UsageError("a file for the page", "none", "Add -o flight.html, for example.")

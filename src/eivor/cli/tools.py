@@ -379,7 +379,7 @@ def new_machine(
 
 
 def track(typed: SimpleNamespace) -> cli.ExitCode:
-    """Do what `eivor.cli.identify.track` declares."""
+    """Do what `eivor.cli.options.track` declares."""
     motions = parsing.named_motions("" if typed.machine else DEFAULT_MODEL, machine=typed.machine)
     picture, bias = cli.figure_file(typed.figure), typed.accelerometer_bias
     words = parsing.words_of(FlightWords, vars(typed) | {"accelerometer_bias": None})
@@ -400,7 +400,7 @@ def track(typed: SimpleNamespace) -> cli.ExitCode:
 
 
 def validate(typed: SimpleNamespace) -> cli.ExitCode:
-    """Do what `eivor.cli.identify.validate` declares."""
+    """Do what `eivor.cli.options.validate` declares."""
     picture = cli.figure_file(typed.figure)
     options = FlightOptions(window=parsing.parse_window(typed.window) if typed.window else None)
     fits = load_fits(typed.fit)
@@ -427,7 +427,7 @@ def validate(typed: SimpleNamespace) -> cli.ExitCode:
 
 
 def frequency_response(typed: SimpleNamespace) -> cli.ExitCode:
-    """Do what `eivor.cli.identify.frequency_response` declares."""
+    """Do what `eivor.cli.options.frequency_response` declares."""
     picture = cli.figure_file(typed.figure)
     declared_machine = load_machine(typed.machine) if typed.machine else None
     paths = frequency_responses.response_paths(typed.axis, declared_machine)
