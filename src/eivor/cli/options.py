@@ -264,14 +264,14 @@ def report(
     """Write what eivor identify finds as one page to look at and to send: verdict, numbers, pictures."""
 
 
-#: Of `identify`.
-TRACK_OPTIONS = (
-    *("example", "window", "max_tilt", "input_channel", "input_map", "instruments"),
-    *("lag", "lag_from", "channel_map", "machine"),
+@declared(
+    LogWords,
+    FlightWords,
+    only=(
+        *("example", "window", "max_tilt", "input_channel", "input_map", "instruments"),
+        *("lag", "lag_from", "channel_map", "machine"),
+    ),
 )
-
-
-@declared(LogWords, FlightWords, only=TRACK_OPTIONS)
 def track(
     log: Annotated[
         str,
@@ -330,11 +330,9 @@ def validate(
     """Predict another flight by a result, beside simpler models of the flights that it came from."""
 
 
-#: Of `identify`.
-RESPONSE_OPTIONS = ("logs", "example", "window", "input_channel", "machine", "channel_map")
-
-
-@declared(FlightWords, LogWords, only=RESPONSE_OPTIONS)
+@declared(
+    FlightWords, LogWords, only=("logs", "example", "window", "input_channel", "machine", "channel_map")
+)
 def frequency_response(
     *,
     axis: Annotated[

@@ -114,17 +114,15 @@ def _motor(value: Mapping[str, float], rotor: Mapping[str, float]) -> dict[str, 
     }
 
 
-PX4_GAZEBO_REMARK = (
-    "Replace elements of these names: motor in each MulticopterMotorModel, inertial of the vehicle. The "
-    "model keeps its geometry."
-)
-
-
 def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Elements to put into an existing model of PX4, whose geometry stays."""
     made, value, rotor, comments = _described(fitted, supplied, "a model of PX4", GAZEBO_GRAVITY)
     inertial = {"mass": value["mass"], **{f"i{name[-2:]}": value[name] for name in vehicle.INERTIAS}}
-    lines = xml_comments((*comments, PX4_GAZEBO_REMARK, OUTPUTS.format(rotor["largest_speed"])))
+    remark = (
+        "Replace elements of these names: motor in each MulticopterMotorModel, inertial of the vehicle. The "
+        "model keeps its geometry."
+    )
+    lines = xml_comments((*comments, remark, OUTPUTS.format(rotor["largest_speed"])))
     for tag, rows in (("motor", _motor(value, rotor)), ("inertial", inertial)):
         inside = (f"  <{name}>{number}</{name}>" for name, number in rows.items())
         lines += [f"<{tag}>", *inside, f"</{tag}>"]
@@ -137,8 +135,6 @@ def _of_point(point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     return np.asarray(point @ point * np.eye(3) - np.outer(point, point))
 
 
-#: Quantiles that the ranges reach to.
-ISAAC_LAB_QUANTILES = (0.025, 0.975)
 #: Isaac Lab's Thruster takes no thrust_const below it, until an environment is reset [N/rps^2].
 ISAAC_LAB_LEAST_THRUST = 1e-6
 ISAAC_LAB_CLAMPS = "Isaac Lab begins with a thrust_const of at least 1e-6, above this vehicle's: reset first."
@@ -170,7 +166,7 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
         hash_comments((vehicle.JOINT, *comments)),
         columns=columns,
         ranges={
-            name: tuple(np.quantile(column, ISAAC_LAB_QUANTILES).tolist()) for name, column in columns.items()
+            name: tuple(np.quantile(column, (0.025, 0.975)).tolist()) for name, column in columns.items()
         },
         medians={name: float(np.median(column)) for name, column in columns.items()},
     )
@@ -349,12 +345,6 @@ def _rotorpy_columns(made: VehicleDescription) -> Columns:
     }
 
 
-SIH_REMARKS = (
-    "Thrust goes linearly with a motor's signal in SIH: THR_MDL_FAC is 0, for the simulation alone.",
-    "SIH_KDV and SIH_KDW are 0 where no drag is known: SIH's own are those of a vehicle of 1 kg.",
-)
-
-
 def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
     made = vehicle.describe(fitted, supplied, "SIH", WITH_LARGEST)
     vehicle.by_quarters(made.vehicle, "SIH")
@@ -375,7 +365,10 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         "THR_MDL_FAC": 0.0,
     }
     hover = value["mass"] * GRAVITY / (made.vehicle.count * largest)
-    remarks = list(SIH_REMARKS)
+    remarks = [
+        "Thrust goes linearly with a motor's signal in SIH: THR_MDL_FAC is 0, for the simulation alone.",
+        "SIH_KDV and SIH_KDW are 0 where no drag is known: SIH's own are those of a vehicle of 1 kg.",
+    ]
     if beyond := PX4.hover.beyond((hover, (hover, hover))):
         remarks.append(f"MPC_THR_HOVER is not written: {beyond}")
     else:
@@ -393,11 +386,6 @@ SITL_REMARKS = (
     "Battery and PWM are typical values, not the flight's; SIM_BATT_VOLTAGE is maxVoltage.",
     "Yaw torque goes with thrust times signal in SITL: its change is right at hover.",
 )
-SITL_SPEEDS = (
-    "SIM_FRM_ parameters, of ArduPilot 4.8, are the frame's numbers; earlier versions ignore them. "
-    "SIM_VIB_MOT_MAX is the rotors' largest speed [Hz], for simulated telemetry and vibration."
-)
-NO_SPEEDS = "commands are no rotor speeds. Give --prior speed_scale=VALUE."
 #: Speeds that rotors may have at most [Hz].
 MOTOR_HZ = (10.0, 1000.0)
 #: Battery, air, outputs and no limit to their slew.
@@ -480,10 +468,14 @@ def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
     }
     beyond = ARDUPILOT.hover.beyond((frame["hoverThrOut"], (frame["hoverThrOut"],) * 2))
     speeds = made.thrust_map.name == "square" and MOTOR_HZ[0] <= most <= MOTOR_HZ[1]
-    missing = {"MOT_THST_HOVER": beyond, "SIM_VIB_MOT_MAX": "" if speeds else NO_SPEEDS}
-    remarks = [f"{name} is not written: {why}" for name, why in missing.items() if why]
+    no_speeds = "" if speeds else "commands are no rotor speeds. Give --prior speed_scale=VALUE."
+    missing = {"MOT_THST_HOVER": beyond, "SIM_VIB_MOT_MAX": no_speeds}
+    remarks = [f"{name} is not written: {why}" for name, why in missing.items() if why] + [
+        "SIM_FRM_ parameters, of ArduPilot 4.8, are the frame's numbers; earlier versions ignore them. "
+        "SIM_VIB_MOT_MAX is the rotors' largest speed [Hz], for simulated telemetry and vibration."
+    ]
     values = {name: value for name, value in rows.items() if not missing.get(name)}
-    text = mission_planner((*made.comments, *remarks, SITL_SPEEDS), values)
+    text = mission_planner((*made.comments, *remarks), values)
     return Exported(text, made.omitted, made.lost)
 
 

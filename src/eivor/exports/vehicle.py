@@ -711,16 +711,14 @@ def rotors_of(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str, C
     }
 
 
-SQUARE_SPEEDS = "Rotor speeds are the commands times the rotor speed per unit of command."
-OTHER_SPEEDS = (
-    "Rotor speeds are the rotor speed per unit of command times the square root of the mapped command: exact "
-    "at rest, with the identified lag about hover."
-)
-
-
 def speed_comments(made: VehicleDescription, simulator: str, gravity: float = GRAVITY) -> tuple[str, ...]:
     """What a rotor's speed and gravity are in a simulator, as sentences."""
-    sentence = [SQUARE_SPEEDS if made.thrust_map.name == "square" else OTHER_SPEEDS]
+    sentence = ["Rotor speeds are the commands times the rotor speed per unit of command."]
+    if made.thrust_map.name != "square":
+        sentence = [
+            "Rotor speeds are the rotor speed per unit of command times the square root of the mapped "
+            "command: exact at rest, with the identified lag about hover."
+        ]
     if gravity != GRAVITY:
         scale = f"{gravity:g} m/s^2: thrust is times {gravity / GRAVITY:.6g}"
         sentence.append(f"{simulator} takes gravity for {scale}, so that the vehicle hovers as it did.")

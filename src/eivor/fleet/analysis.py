@@ -38,14 +38,6 @@ VEHICLE = ("type", "vehicle")
 TOGETHER, SINGLE = "together", "single"
 #: Column of rows of a quantity: whether it is a share, below `AcrossFlights.largest`.
 SHARE = "is_share"
-#: Why rows are left out, in this order.
-NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
-    "the log gave no result",
-    "the flight identifies no value with a standard error",
-    "no reference: the value may be biased more than its interval says",
-    f"too little excitation: a first-stage F below {STRONG_FIRST_STAGE:.0f}",
-    "not positive",
-)
 
 
 def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
@@ -98,15 +90,18 @@ def omission_reason(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
     value, error = pl.col(f"{across.name}.value"), _error(across)
     texts = [f"{fleet_table.DIAGNOSTIC}first_stage_F_{name}" for name in across.identified_by]
     weak = [pl.col(name) < STRONG_FIRST_STAGE for name in texts if name in columns]
-    reasons = (
-        (pl.col("verdict") == fleet_table.FAILED, NO_RESULT),
-        (value.is_null() | error.is_null() | (error <= 0.0), NO_NUMBER),
-        (pl.col(f"{across.name}.verdict").cast(pl.String) == Status.PROVISIONAL.value, NO_REFERENCE),
-        (pl.any_horizontal(pl.lit(False), *weak), NOT_EXCITED),
-        ((value <= 0.0) & across.logarithm, NOT_POSITIVE),
-        (pl.col(SHARE) & (value >= across.largest), f"not below {across.largest:g}, the largest share"),
-    )
-    return pl.coalesce(pl.when(condition).then(pl.lit(reason)) for condition, reason in reasons)
+    no_number = value.is_null() | error.is_null() | (error <= 0.0)
+    not_excited = pl.any_horizontal(pl.lit(False), *weak)
+    provisional = pl.col(f"{across.name}.verdict").cast(pl.String) == Status.PROVISIONAL.value
+    reasons = {
+        "the log gave no result": pl.col("verdict") == fleet_table.FAILED,
+        "the flight identifies no value with a standard error": no_number,
+        "no reference: the value may be biased more than its interval says": provisional,
+        f"too little excitation: a first-stage F below {STRONG_FIRST_STAGE:.0f}": not_excited,
+        "not positive": (value <= 0.0) & across.logarithm,
+        f"not below {across.largest:g}, the largest share": pl.col(SHARE) & (value >= across.largest),
+    }
+    return pl.coalesce(pl.when(condition).then(pl.lit(reason)) for reason, condition in reasons.items())
 
 
 def is_share(across: AcrossFlights) -> pl.Expr:

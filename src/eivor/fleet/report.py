@@ -358,7 +358,6 @@ def _rows(table: pl.DataFrame) -> list[Json]:
 
 #: Vehicles of a forest, and vehicles whose quantities are drawn over time, at most.
 MOST_ROWS, MOST_LINES = 40, 8
-NO_REPORTS = "Flights have no reports of their own here; eivor fleet run --reports makes them."
 
 
 def fleet_page(reports: Sequence[fleet.FleetReport], title: str, links: Mapping[str, str]) -> str:
@@ -369,7 +368,8 @@ def fleet_page(reports: Sequence[fleet.FleetReport], title: str, links: Mapping[
         if report.vehicles.height:
             drawn[FOREST] = figures.html([("", _forests(report))])
             drawn[LINES] = figures.html([("", _over_hours(report, links))])
-        note = NO_REPORTS if report.vehicles.height and not links else ""
+        without = "Flights have no reports of their own here; eivor fleet run --reports makes them."
+        note = without if report.vehicles.height and not links else ""
         motions.append((fleet_document(report, title, links), note, drawn))
     body = rendered("fleet.html", title=title, motions=motions)
     return whole_page(f"{title}: fleet", body, {"result": fleet_json(reports), "charts": figures.charts})

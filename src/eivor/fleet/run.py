@@ -104,8 +104,6 @@ def _work_of(logs: pl.DataFrame, rows: pl.DataFrame) -> tuple[pl.DataFrame, pl.D
 
 #: Logs of a task: as few as give the number of tasks that progress is reported by, and at most so many.
 TASKS, MOST_LOGS = 100, 200
-#: Copies whose rows are written together.
-COPIES = 2_000
 #: Rows are taken into the table again after so many seconds, and so many times as long as it took.
 MERGE_S, MERGE_TIMES = 60.0, 20.0
 
@@ -195,7 +193,7 @@ def _done(
         if (start_s := time.monotonic()) > due:
             folder.merge(motion)
             due = time.monotonic() + max(MERGE_S, MERGE_TIMES * (time.monotonic() - start_s))
-    for part in copies.iter_slices(COPIES):
+    for part in copies.iter_slices(2_000):
         firsts = zip(LogList(part), part["first"], strict=True)
         folder.write([table.copy_row(options.row_of(log), first) for log, first in firsts])
     folder.merge(motion)

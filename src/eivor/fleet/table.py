@@ -38,9 +38,6 @@ from eivor.process_pool import Limits
 from eivor.signals.recording import Recording
 from eivor.strict_toml import package_tables
 
-#: Digits of the hash that rows are marked with.
-HASH_DIGITS = 16
-
 
 @dataclass(frozen=True)
 class FleetOptions:
@@ -87,7 +84,7 @@ class FleetOptions:
     def hash(self) -> str:
         """What rows of the same options are marked with."""
         text = json.dumps(self.document(), sort_keys=True, separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def row_of(self, log: Log) -> dict[str, Any]:
         """Beginning of the row of a log, also of one that is not read: what its name and the list say."""
@@ -276,10 +273,6 @@ SCHEMA = "eivor.fleet/1"
 IDENTITY, RUN = "fleet.json", ".run"
 #: Packages whose versions bear on the rows.
 PACKAGES = ("eivor", "numpy", "scipy", "polars")
-#: Before the name of a part that was damaged.
-DAMAGED = "damaged-"
-#: Digits of a pending part's name.
-NAME_DIGITS = 24
 #: Part of a motion's logs that could not be opened, written anew by every run.
 UNOPENED = "part-unopened-{motion}.parquet"
 #: What every column is, as a JSON Schema of a row.
@@ -380,7 +373,7 @@ class FleetFolder:
     def write(self, rows: Sequence[Row]) -> None:
         """Keep rows as a pending part, named by its content."""
         content = _part_bytes(flight_frame(rows))
-        name = f"part-{hashlib.sha256(content).hexdigest()[:NAME_DIGITS]}.parquet"
+        name = f"part-{hashlib.sha256(content).hexdigest()[:24]}.parquet"
         self.check_run()
         with report_fleet_errors(self.folder):
             _write(self.folder / PENDING / name, content)
@@ -392,7 +385,7 @@ class FleetFolder:
             for path in part_files(self.folder):
                 content = path.read_bytes()
                 if not is_sealed(content, {}):
-                    _write(self.folder / f"{DAMAGED}{path.name}", content)
+                    _write(self.folder / f"damaged-{path.name}", content)
                     path.unlink()
                     return self.there(motion)  # what the part took in may be there still
                 part = pl.read_parquet(io.BytesIO(content), columns=["motion", *KEY_COLUMNS])
@@ -544,14 +537,6 @@ def reports_there(folder: Path) -> Generator[str, None, None]:
                 yield match[1]
 
 
-#: Channels whose mean over the log is a column of their own.
-SURROUNDINGS = {
-    "battery_voltage": "battery_voltage",
-    "temperature": "air_temperature",
-    "air_density": "air_density",
-}
-
-
 @dataclass(frozen=True, slots=True)
 class RowOfLog:
     """The function from a log to its row."""
@@ -608,8 +593,8 @@ def copy_row(about: Mapping[str, Any], first: str) -> dict[str, Any]:
 def _of_recording(recording: Recording) -> dict[str, Any]:
     (start, end), origin = recording.span_s, recording.origin
     results = {"firmware": origin.firmware or None, "start": origin.start, "duration_s": end - start}
-    for column, name in SURROUNDINGS.items():
-        channel = recording.channels.get(name)
+    for column in ("battery_voltage", "temperature", "air_density"):
+        channel = recording.channels.get("air_temperature" if column == "temperature" else column)
         if channel is not None and np.isfinite(channel.values).any():
             results[column] = float(np.nanmean(channel.values))
     return results

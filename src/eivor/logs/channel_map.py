@@ -291,7 +291,6 @@ LONGEST_LIST = 100_000
 #: Channels, or families of them, that stand on one side of a thrust curve.
 COMMANDS = ("input", "rotor_command", "rotor_speed", "actuator_output")
 EXPRESSIONS = ("column", "expression", "quaternion", "roll_pitch")
-SATURATING = ("none", "lower", "upper", "both")
 _FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
 
 #: Least and largest value that a column can have, and which of the two bounds mean saturation.
@@ -422,7 +421,7 @@ def _range(section: TomlTable) -> ValidRange:
     _require(section, sound, "valid", "[low, high] with low < high", f"{bounds}", "Correct the range.")
     # nothing is below zero for a motor that stands still, which is no saturation
     saturates = given.saturates or ("upper" if bounds[0] == 0.0 else "both")
-    return bounds[0], bounds[1], section.choose("saturates", saturates, SATURATING)
+    return bounds[0], bounds[1], section.choose("saturates", saturates, ("none", "lower", "upper", "both"))
 
 
 def _rule(name: str, section: TomlTable, source: str | None) -> ChannelRule:

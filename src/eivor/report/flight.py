@@ -429,8 +429,6 @@ def _tail(p_value: float) -> str:
 
 #: Ends of sentences.
 _SENTENCES = re.compile(r"(?<=\.) (?=[A-Z])")
-#: Findings that only an inspection shows: they bear on no number.
-QUIET_FINDINGS = ("epoch_time",)
 
 
 def row_quantities(row: FlightRow, motion: Motion[Any]) -> tuple[doc.QuantityRow, ...]:
@@ -495,8 +493,8 @@ def reported_findings(result: FlightEstimate) -> tuple[str, ...]:
     logs = [flight.recording.name for flight in result.prepared]
     logs_of_message: dict[tuple[str, str], list[str]] = {}
     for finding in result.findings:
-        if finding.name in QUIET_FINDINGS or finding.message in reasons:
-            continue
+        if finding.name == "epoch_time" or finding.message in reasons:
+            continue  # what bears on no number, only an inspection shows
         log = next((name for name in logs if finding.message.startswith(f"{name}: ")), "")
         message = finding.message.removeprefix(f"{log}: ") if log else finding.message
         logs_of_message.setdefault((finding.name, message), []).extend([log] if log else [])

@@ -87,9 +87,6 @@ def spectrum(
     return frequency[1:], np.sqrt(np.maximum(density[1:], 1e-20))
 
 
-STYLES = ("-", "--", ":")
-
-
 def _draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun], *, left: bool) -> None:
     """Draw what was measured along one axis and what the model says within the band, or what is left."""
     run = max(runs, key=lambda candidate: candidate.time_s.size)
@@ -235,7 +232,7 @@ def _excitation_picture(
     """Amplitude of what the input does to each axis, and of what is left, of bins or bands."""
     traces = tuple(trace for trace in traces if trace.unit == traces[0].unit and trace.driven.any())
     lines = []
-    for trace, style in zip(traces, cycle(STYLES), strict=False):
+    for trace, style in zip(traces, cycle(("-", "--", ":")), strict=False):
         of_axis = f" ({trace.axis})" if len(traces) > 1 else ""
         for values, colour, label in (
             (trace.driven, plots.RED, f"input: {trace.drive}{of_axis}"),

@@ -43,8 +43,6 @@ SATURATED = 0.02
 UNLIKELY = 1e-3
 #: Rows of the table of frequencies.
 ROWS = 14
-#: References by which a pilot, who sees the vehicle, answers it slowly.
-STICKS = "pilot_"
 
 
 @dataclass(frozen=True)
@@ -237,7 +235,7 @@ def _reference(flights: Sequence[PreparedFlight], path: ResponsePath, named: str
     clean = [name for name in usable if exogenous(name)]
     if clean:
         slow = "A pilot answers the vehicle at low frequencies: provisional there."
-        return clean[0], [slow] if clean[0].startswith(STICKS) else []
+        return clean[0], [slow] if clean[0].startswith("pilot_") else []
     if usable:
         return "", [f"{usable[0]} is made by a loop of what is measured: refused as reference."]
     remarks = [f"{item.name}: {item.remark}." for item in flights[0].references if item.name in offered]

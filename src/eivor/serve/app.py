@@ -78,8 +78,6 @@ _HEADERS = {
 PARTS = ("base", "talk", "folders", "flights", "course", "choices", "downloads", "result", "compare", "start")
 #: Shapes of stages, drawn as those of verdicts are: gone by, at it, to come.
 STAGES = {"over": "M6 10.4l2.8 2.9 5.4-6.4", "now": "M6 10h7.6M10.4 6.6l3.4 3.4-3.4 3.4", "ahead": ""}
-#: What the script may ask: its own server, and reports within the page, which it makes itself.
-DIRECTIVES = ("connect-src 'self'", "frame-src blob:")
 
 
 def page_text() -> str:
@@ -94,7 +92,8 @@ def page_sources() -> Sources:
     scripts = [folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in PARTS]
     style = f"{asset('page.css')}\n{folder.joinpath('serve.css').read_text(encoding='utf-8')}"
     script = "\n".join(['"use strict";', "(() => {", *scripts, "})();"])
-    return Sources(style, script, (report_sources(),), DIRECTIVES)
+    # it asks its own server alone, and makes the reports within the page itself
+    return Sources(style, script, (report_sources(),), ("connect-src 'self'", "frame-src blob:"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -234,16 +234,14 @@ def _add_rotor_speeds(reading: ardupilot.MessageReading, table: Messages) -> Non
             reading.add(name, where, speeds, "ESC.RPM", CurveSide.BEHIND)
 
 
-_BY_MODE = {
-    "pilot_in_control": ardupilot.PILOT_MODES,
-    "input_open_loop": ardupilot.OPEN_LOOP_MODES,
-    "pilot_sets_attitude": (*ardupilot.ATTITUDE_MODES, *ardupilot.RATE_MODES),
-}
-
-
 def _add_modes(reading: ardupilot.MessageReading, table: Messages) -> None:
     column = table.first("ModeNum", "Mode")
-    for name, known in _BY_MODE.items() if column else ():
+    modes = {
+        "pilot_in_control": ardupilot.PILOT_MODES,
+        "input_open_loop": ardupilot.OPEN_LOOP_MODES,
+        "pilot_sets_attitude": (*ardupilot.ATTITUDE_MODES, *ardupilot.RATE_MODES),
+    }
+    for name, known in modes.items() if column else ():
         within = np.isin(table.values(column), reading.with_sweeps(known)).astype(np.float64)
         reading.add(name, table, within, f"MODE.{column}")
 
@@ -318,10 +316,10 @@ def _quaternion(table: Messages, part: str) -> Series:
     return made
 
 
-#: Setpoints by message, and their columns.
+#: Setpoints of attitude [deg] and of rates [deg/s] by message, and their columns.
 _SETPOINTS = {
-    "ATT": {f"reference_{angle}": column for angle, column in ardupilot.ATTITUDE_SETPOINTS.items()},
-    "RATE": {f"reference_angular_rate_{axis}": column for axis, column in ardupilot.RATE_SETPOINTS.items()},
+    "ATT": {f"reference_{angle}": f"Des{angle.capitalize()}" for angle in _ANGLES},
+    "RATE": {f"reference_angular_rate_{axis}": f"{turn}Des" for axis, turn in zip("xyz", "RPY", strict=True)},
 }
 
 
@@ -422,8 +420,6 @@ MAKERS: tuple[tuple[Callable[[ardupilot.MessageReading, Messages], None], str, t
 #: Kinds of vehicles by what the firmware calls itself, in small letters, and by VER.BU, the kind of firmware.
 FIRMWARES: Mapping[str, str] = ardupilot.TABLES["firmwares"]
 (BUILDS,) = common.by_number(ardupilot.TABLES, "builds")
-_PREFIXES = ("ardu", "apm:", "")
-
 #: What a vehicle is by its kind and FRAME_CLASS: helicopters of Copter, boats of Rover.
 FRAMES = {**{(ROTARY_WING, number): HELICOPTER for number in (6.0, 11.0, 13.0)}, ("rover", 2.0): "boat"}
 
@@ -445,7 +441,7 @@ def _kind_of_firmware(tables: Mapping[str, Messages]) -> str:
         return kinds[0]
     for (text,) in rows_of(tables, "MSG", "Message"):
         words = text.lower().split(" v", 1)
-        for prefix in _PREFIXES:
+        for prefix in ("ardu", "apm:", ""):
             name = words[0].removeprefix(prefix).strip()
             if len(words) == 2 and name in FIRMWARES:
                 return FIRMWARES[name]
@@ -457,10 +453,6 @@ def _advice(channel: str) -> tuple[str, ...]:
     return tuple(
         f"ArduPilot logs {name} {ardupilot.RATES[name]}" for name in messages if name in ardupilot.RATES
     )
-
-
-#: An instance with a smaller share of the messages of the most frequent one is damage, or was lost at once.
-SELDOM = 0.1
 
 
 def read_dataflash(file: Path, _options: common.ReadOptions) -> Recording:
@@ -548,7 +540,7 @@ def _lowest(table: Messages) -> Messages:
         return table
     instances = table.stored(column)
     result, counts = np.unique(instances, return_counts=True)
-    lowest = result[counts >= SELDOM * counts.max()].min()
+    lowest = result[counts >= 0.1 * counts.max()].min()  # others are damage, or were lost at once
     return table.where(instances == lowest)
 
 

@@ -16,7 +16,6 @@ from eivor.signals.recording import Channel, Finding, LogOrigin, utc_time
 from eivor.strict_toml import package_tables
 from eivor.tools import Bool, Float
 
-ORIGIN_MESSAGES = frozenset({"GPS"})
 #: What the firmware says of itself when a log begins: its name and version, the board's id, the frame.
 _FIRMWARE = re.compile(r"(?:APM:|Ardu)\w+ V\d\S*")
 _BOARD = re.compile(r"\S+ ((?:[0-9A-F]{8} ){2}[0-9A-F]{8})")
@@ -109,9 +108,6 @@ CHOSEN_BY_RATE = tuple(f"angular_rate_{axis}" for axis in "xyz")
 
 #: Angles of the attitude in ATT [deg], turned about one after the other from the last to the first.
 ATTITUDE = ("Roll", "Pitch", "Yaw")
-#: Setpoints of attitude [deg] and of rates [deg/s], by axis: message, column; and of who makes them by mode.
-ATTITUDE_SETPOINTS = {f"{angle}": f"Des{angle.capitalize()}" for angle in ("roll", "pitch", "yaw")}
-RATE_SETPOINTS = {axis: f"{letter}Des" for axis, letter in zip("xyz", "RPY", strict=True)}
 
 #: Modes of copters by number. A pilot flies in stabilize, acro, altitude hold, loiter, drift, sport, position
 #: hold and flow hold; in stabilize and acro the throttle is the stick's.
@@ -135,8 +131,7 @@ STATES = frozenset({"MODE", "EV", "ARM", "SIDS", "MSG", "VER", "PARM"})
 NEEDED = frozenset(
     {source.message for sources in CHANNEL_SOURCES.values() for source in sources}
     | {"NKF6", "XKF6", "EKF6", "NKF4", "XKF4", "XKFS", "ATT", "RCOU", "RCIN", "MOTB", "ESC"}
-    | {"MODE", "EV", "ARM", "MSG", "VER", "PARM", "SIDD", "SIDS"}
-    | ORIGIN_MESSAGES
+    | {"MODE", "EV", "ARM", "MSG", "VER", "PARM", "SIDD", "SIDS", "GPS"}
 )
 
 LOOKED_FOR: Mapping[str, tuple[str, ...]] = {

@@ -31,8 +31,6 @@ ATTITUDE_MODES = (*OPEN_LOOP_MODES, "ALTCTL", "ALT_HOLD", "SPORT", "DRIFT")
 #: Bits of the masks of mavros that say what a setpoint leaves free.
 POSITION_BITS = {"position": 1, "velocity": 8, "acceleration_or_force": 64}
 RATE_BITS, NO_THRUST, NO_ATTITUDE = {"x": 1, "y": 2, "z": 4}, 64, 128
-#: The frame of setpoints in the world.
-LOCAL_FRAME = 1
 ON_GROUND, UNKNOWN_STATE = 1, 0
 #: Fields of quaternions, in the order of `eivor.signals.channels`, and of the velocity in the body's axes.
 _TURN = tuple(f"orientation.{part}" for part in "wxyz")
@@ -74,7 +72,7 @@ def _position_target(fields: Fields) -> Fields:
     mask = fields["type_mask"]
     if mask.dtype.kind not in "iu":  # another definition has something else there
         return {}
-    elsewhere = fields["coordinate_frame"] != LOCAL_FRAME
+    elsewhere = fields["coordinate_frame"] != 1  # that of the world
     return {
         name: _masked(fields[name], ((mask & (bit << index)) != 0) | elsewhere)
         for stem, bit in POSITION_BITS.items()

@@ -253,10 +253,8 @@ NOTCHES: Mapping[str, tuple[tuple[str, str], ...]] = {
 }
 #: Means over an interval, by topic, and the field that holds its length [us; in old logs s].
 MEANS: Mapping[str, str] = {"sensor_combined": "accelerometer_integral_dt"}
-#: Longer ways from sample to stamp are those of another clock [s].
-LONGEST_LATENCY_S = 0.02
-#: Longer intervals are no means of an inertial sensor [s].
-LONGEST_MEAN_S = 0.02
+#: Longer means are none of an inertial sensor, longer ways from sample to stamp those of another clock [s].
+LONGEST_S = 0.02
 
 #: Delay of a topic [s], and its cause.
 Delay = tuple[float, str]
@@ -279,7 +277,7 @@ def topic_delays(topic: Topic, parameters: Mapping[str, float]) -> list[Delay]:
     if lengths.size:
         length = float(np.median(lengths))
         length *= 1.0 if length < 1.0 else 1e-6
-        if 0.0 < length <= LONGEST_MEAN_S:
+        if 0.0 < length <= LONGEST_S:
             delays.append((0.5 * length, f"half of the {1e3 * length:.3g} ms of which it is the mean"))
     if topic.name in SAMPLED:
         delays.append((_latency_s(topic), "from its sample to its stamp"))
@@ -292,7 +290,7 @@ def _latency_s(topic: Topic) -> float:
     if sampled is None or not sampled.size or sampled.dtype.kind not in "iu":
         return 0.0
     latency_s = float(np.median(since_start(topic.fields["timestamp"], sampled)))
-    return latency_s if 0.0 < latency_s <= LONGEST_LATENCY_S else 0.0
+    return latency_s if 0.0 < latency_s <= LONGEST_S else 0.0
 
 
 def _topic_of(channel: Channel) -> str:
