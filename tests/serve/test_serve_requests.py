@@ -45,6 +45,11 @@ def wait_for(condition):
         time.sleep(0.01)
 
 
+def pids(server):
+    """Processes that wait for work."""
+    return [process.pid for process, _ in list(server.workers._free) if process.pid is not None]
+
+
 def closed(server):
     """Return once no connection is open."""
     wait_for(lambda: not server.connections)
@@ -135,7 +140,7 @@ def opening():
     for server in servers:
         server.close()
         assert not server.folder.exists()
-        assert not server.workers.pids()
+        assert not pids(server)
 
 
 @pytest.fixture(scope="module")
@@ -677,7 +682,7 @@ def test_nothing_is_left_when_it_closes_in_the_middle(opening):
         page.server.close()
         assert list(events)[-1] == {"cancelled": True}
     assert not page.server.folder.exists()
-    assert not page.server.workers.pids()
+    assert not pids(page.server)
 
 
 @pytest.mark.thorough
@@ -686,10 +691,10 @@ def test_a_process_that_has_worked_gives_its_memory_back(opening, monkeypatch):
     page = opening(workers=1)
     page.json("GET", "/choices")
     assert "done" in page.last(page.job(b"well"))
-    before, until = set(page.server.workers.pids()), time.monotonic() + 20.0
-    while set(page.server.workers.pids()) in (before, set()) and time.monotonic() < until:
+    before, until = set(pids(page.server)), time.monotonic() + 20.0
+    while set(pids(page.server)) in (before, set()) and time.monotonic() < until:
         time.sleep(0.02)
-    assert len(set(page.server.workers.pids()) - before) == 1
+    assert len(set(pids(page.server)) - before) == 1
 
 
 #: What memory may have grown by [bytes].
@@ -703,14 +708,14 @@ def held(pids: list[int]) -> int:
 
 def fresh(server: Server) -> int:
     """The process that waits, once those that have worked are gone."""
-    used, end = set(server.workers.pids()), time.monotonic() + 60.0
+    used, end = set(pids(server)), time.monotonic() + 60.0
     assert used
     while time.monotonic() < end:
-        pids = server.workers.pids()
-        if len(pids) == 1 and pids[0] not in used:
-            return pids[0]
+        waiting = pids(server)
+        if len(waiting) == 1 and waiting[0] not in used:
+            return waiting[0]
         time.sleep(0.05)
-    raise AssertionError(f"no new process: {pids}")
+    raise AssertionError(f"no new process: {waiting}")
 
 
 def dropped(page: Asking, content: bytes, count: int, at_once: int) -> None:
@@ -745,7 +750,7 @@ def check(monkeypatch: pytest.MonkeyPatch, seconds: float, *rounds: tuple[int, i
     finally:
         server.close()
     assert not server.folder.exists()
-    assert not server.workers.pids()
+    assert not pids(server)
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")

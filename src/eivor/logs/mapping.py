@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -370,19 +370,8 @@ def _channel(rule: maps.ChannelRule, time_s: Series, ranged: Mapping[str, _Range
     )
 
 
-@runtime_checkable
-class DataFrameLike(Protocol):
-    """A data frame of polars or pandas: columns by name."""
-
-    @property
-    def columns(self) -> Iterable[str]:
-        """Names of the columns."""
-
-    def __getitem__(self, name: str, /) -> Any: ...
-
-
 def recording_from_columns(
-    columns: Mapping[str, Any] | DataFrameLike,
+    columns: Any,
     *,
     name: str = "arrays",
     frame: Frame = Frame.Z_UP,
@@ -420,14 +409,16 @@ def recording_from_columns(
     EmptyLogError
         When there are no values.
     """
-    kinds = (Mapping, DataFrameLike)
-    checks.kind("columns", columns, kinds, "a mapping or a data frame", "Give a dictionary of arrays.")
+    is_mapping = isinstance(columns, Mapping)
+    if not (is_mapping or (hasattr(columns, "columns") and hasattr(columns, "__getitem__"))):
+        expected = "a mapping or a data frame for columns"
+        raise UsageError(expected, checks.described(columns), "Give a dictionary of arrays.")
     checks.text("name", name)
     checks.text("input_map", input_map)
     checks.kind("frame", frame, Frame, "a Frame", "Give Frame.Z_UP or Frame.NED.")
     if parameters is not None:
         checks.mapping("parameters", parameters, checks.NUMBERS, "numbers")
-    names = list(columns) if isinstance(columns, Mapping) else list(columns.columns)
+    names = list(columns if is_mapping else columns.columns)
     unknown = [key for key in names if key != "time" and canonical_channel(str(key)) is None]
     if unknown:
         every = f"The names are {', '.join(canonical_channels())}."

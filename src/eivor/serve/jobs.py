@@ -131,10 +131,6 @@ class Workers:
         remedy = "Stop `eivor serve` and start it again."
         raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "a worker process that begins", "none", remedy)
 
-    def pids(self) -> list[int]:
-        with self._lock:
-            return [process.pid for process, _ in self._free if process.pid is not None]
-
     def rest(self) -> None:
         """End processes that have worked and wait for long; a new one waits in their place."""
         with self._lock:
