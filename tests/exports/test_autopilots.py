@@ -44,9 +44,10 @@ def qgc(text):
 
 
 def ardupilot(text):
-    """Parameters of a file of ArduPilot."""
+    """Parameters of a file of ArduPilot, each with the reason that Methodic Configurator shows behind it."""
     assert text.isascii()
-    rows = [line.split(",") for line in text.splitlines() if not line.startswith("#")]
+    lines = (line.split("  # ") for line in text.splitlines() if not line.startswith("#"))
+    rows = [row.split(",") for row, reason in lines if reason]
     assert all(re.fullmatch(r"[A-Z][A-Z0-9_]{0,15}", name) for name, _ in rows)
     return {name: float(value) for name, value in rows}
 
@@ -56,7 +57,7 @@ def exported(record, folder, to="px4"):
 
 
 def interval(text, name):
-    (low, high) = re.findall(rf"# {name}: .* interval \[([^,]+), ([^\]]+)\]", text)[0]
+    (low, high) = re.findall(rf"{name}[:,].* interval \[([^,]+), ([^\]]+)\]", text)[0]
     return float(low), float(high)
 
 
@@ -106,7 +107,8 @@ def test_the_curve_of_the_motors_is_written_on_either_side(log, choices, side, t
     result = qgc(text) if of_px4 else ardupilot(text)
     assert result == {curve: pytest.approx(TRUE, abs=0.03), hover: pytest.approx(HOVER, abs=0.005)}
     reported["model"]["autopilot_curve"]["logged"] = {hover: 0.5}
-    assert f"# {hover}: 0.5 -> " in exported(reported, tmp_path, "px4" if of_px4 else "ardupilot")
+    change = rf"# {hover}: 0\.5 -> " if of_px4 else rf"{hover},\S+  # 0\.5 -> "
+    assert re.search(change, exported(reported, tmp_path, "px4" if of_px4 else "ardupilot"))
     for name, truth in ((curve, TRUE), (hover, HOVER)):
         low, high = interval(text, name)
         assert low < truth < high

@@ -177,7 +177,7 @@ def test_no_name_and_no_reason_breaks_out_of_a_comment(target, tmp_path):
 
 
 def test_fields_of_matlab_have_names_that_it_takes(tmp_path):
-    reported = documents.document()
+    reported = documents.refused(documents.document(), "viscous_friction")
     names = ("_hidden", "g\u00fc", WORSE, "t" * 70)
     for name in names:
         reported["parameters"][name] = documents.quantity(1.5, 0.1, unit=f"{WORSE}m/s\u00b2")
@@ -187,7 +187,9 @@ def test_fields_of_matlab_have_names_that_it_takes(tmp_path):
     assert len(read) == len(reported["parameters"]) + 1
     assert all(re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,62}", name) for name in read)
     assert [row["value"] for row in read.values()].count(1.5) == len(names)
-    numbers = read["input_gain"]
+    unknown, numbers = read["viscous_friction"], read["input_gain"]
+    assert unknown["verdict"] == "refused"
+    assert np.isnan([unknown["value"], *unknown["interval"]]).all()
     assert [numbers["value"], numbers["std_error"], *numbers["interval"]] == pytest.approx(
         [23.9, 0.1, 23.7, 24.1]
     )

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from eivor.errors import UsageError
-from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments
+from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments, one_line
 from eivor.inference.verdict import Status
 from eivor.motions.vertical import model as vertical
 from eivor.signals.channels import CurveSide
@@ -34,9 +34,9 @@ Proposed: TypeAlias = tuple[dict[str, Number], dict[str, str]]
 
 
 def _written(
-    autopilot: Autopilot, write: Callable[[Iterable[str], Mapping[str, float]], str]
+    autopilot: Autopilot, write: Callable[[Iterable[str], Mapping[str, float], Mapping[str, str]], str]
 ) -> Callable[[Fitted, Supplied], Exported]:
-    """Export of the parameters of an autopilot that a result holds, old and new in comments above them."""
+    """Export of the parameters of an autopilot that a result holds, old and new in a comment of each."""
 
     def export(fitted: Fitted, supplied: Supplied) -> Exported:
         supplied.check_only((), autopilot.name.lower(), body=False)
@@ -45,9 +45,9 @@ def _written(
         numbers, reasons = _proposed(fitted, autopilot)
         missing = tuple(f"{name} is not written: {reason}" for name, reason in reasons.items())
         old = {name: f"{fitted.logged[name]:.6g} -> " for name in numbers if name in fitted.logged}
-        lines = [f"{name}: {old.get(name, '')}{number.words}" for name, number in numbers.items()]
+        words = {name: f"{old.get(name, '')}{number.words}" for name, number in numbers.items()}
         values = {name: number.value for name, number in numbers.items()}
-        return Exported(write((*fitted.origin(), *lines, *missing), values), missing)
+        return Exported(write((*fitted.origin(), *missing), values, words), missing)
 
     return export
 
@@ -135,10 +135,11 @@ REAL32, VEHICLE, COMPONENT = 9, 1, 1
 HEADER = "# Vehicle-Id Component-Id Name Value Type"
 
 
-def qgroundcontrol(comments: Iterable[str], values: Mapping[str, float]) -> str:
-    """File of QGroundControl with parameters that are 32-bit floats."""
+def qgroundcontrol(comments: Iterable[str], values: Mapping[str, float], words: Mapping[str, str]) -> str:
+    """File of QGroundControl with 32-bit floats; its rows have five columns, so that words are above."""
     rows = (f"{VEHICLE}\t{COMPONENT}\t{name}\t{single(value)}\t{REAL32}" for name, value in values.items())
-    return "\n".join([*hash_comments(comments), "#", HEADER, *rows]) + "\n"
+    above = hash_comments((*comments, *map(": ".join, words.items())))
+    return "\n".join([*above, "#", HEADER, *rows]) + "\n"
 
 
 def single(value: float) -> str:
@@ -155,9 +156,10 @@ ARDUPILOT = Autopilot(
 )
 
 
-def mission_planner(comments: Iterable[str], values: Mapping[str, float]) -> str:
-    """File of ArduPilot; comments have lines of their own, since older readers split lines at blanks."""
-    rows = (f"{name},{single(value)}" for name, value in values.items())
+def mission_planner(comments: Iterable[str], values: Mapping[str, float], words: Mapping[str, str]) -> str:
+    """File of ArduPilot; Methodic Configurator takes words behind a value as the reason of its change."""
+    ends = {name: f"  # {one_line(text)}" for name, text in words.items()}
+    rows = (f"{name},{single(value)}{ends.get(name, '')}" for name, value in values.items())
     return "\n".join([*hash_comments(comments), *rows]) + "\n"
 
 

@@ -34,9 +34,11 @@ if TYPE_CHECKING:
     import polars as pl
 
 
-SERIES = {"measured": "#262d36", "predicted": "#c03a2b", "residual": "#4d6478"}
+#: Colours that stand out on white and on black.
+SERIES = {"measured": "#3b82d6", "predicted": "#d9483b", "residual": "#7c8796"}
 PLOTTED = (("measured", "predicted"), ("residual",))
 MCAP_MAGIC = b"\x89MCAP0\r\n"
+PANEL_TITLES = ("foxglovePanelTitle", "lichtblickPanelTitle")
 
 
 def residual_files(result: FlightEstimate) -> dict[str, str | bytes]:
@@ -52,7 +54,7 @@ def residual_files(result: FlightEstimate) -> dict[str, str | bytes]:
     for run in runs:
         columns = {"time": run.time_s}
         for trace in traces:
-            words = f"{Path(run.name).stem}/{trace.axis}" if several else trace.axis
+            words = f"{run.flight + 1}_{Path(run.name).stem}/{trace.axis}" if several else trace.axis
             topic = re.sub(r"[^\w/]", "_", words, flags=re.ASCII)
             measured, predicted = within_band(trace, run).T
             topics[topic] = None
@@ -63,7 +65,7 @@ def residual_files(result: FlightEstimate) -> dict[str, str | bytes]:
     areas = {topic: [_area(table, topic, names) for names in PLOTTED] for topic in topics}
     layout = rendered("plotjuggler.xml", areas=areas, series=SERIES)
     return {
-        "residuals.csv": table.write_csv(),
+        "residuals.csv": table.write_csv(float_scientific=False),  # PlotJuggler takes 1e-5 for a word
         "plotjuggler.xml": layout,
         "residuals.mcap": _mcap(list(topics), table),
         "foxglove.json": _foxglove(list(topics)),
@@ -105,32 +107,23 @@ def _mcap(topics: Sequence[str], table: pl.DataFrame) -> bytes:
 
 
 def _foxglove(topics: Sequence[str]) -> str:
-    plots = {
-        f"Plot!{topic}-{names[0]}": {
-            "title": f"{topic}: {', '.join(names)}",
-            "paths": [
-                {
-                    "value": f"/{topic}.{name}",
-                    "enabled": True,
-                    "timestampMethod": "receiveTime",
-                    "color": SERIES[name],
-                }
-                for name in names
-            ],
-            "xAxisVal": "timestamp",
-            "isSynced": True,
-            "showLegend": True,
-        }
-        for topic in topics
-        for names in PLOTTED
-    }
-    layout: Any = ""
-    for count, name in enumerate(reversed(plots)):
-        below = {"direction": "column", "first": name, "second": layout, "splitPercentage": 100 / (count + 1)}
-        layout = below if count else name
-    return json.dumps(
-        {"configById": plots, "globalVariables": {}, "userNodes": {}, "layout": layout}, indent=1
-    )
+    """Layout of Foxglove and Lichtblick, a tab for each axis; they load none without a playback speed."""
+    panels: dict[str, Any] = {"Tab!axes": {"activeTabIdx": 0, "tabs": []}}
+    drawn = {"enabled": True, "timestampMethod": "receiveTime"}
+    for topic in topics:
+        ids = [f"Plot!{topic}-{names[0]}" for names in PLOTTED]
+        for panel, names in zip(ids, PLOTTED, strict=True):
+            paths = [{"value": f"/{topic}.{name}", "color": SERIES[name], **drawn} for name in names]
+            panels[panel] = dict.fromkeys(PANEL_TITLES, f"{topic}: {', '.join(names)}") | {
+                "paths": paths,
+                "xAxisVal": "timestamp",
+                "isSynced": True,
+                "showLegend": True,
+            }
+        split = {"direction": "column", "first": ids[0], "second": ids[1], "splitPercentage": 60}
+        panels["Tab!axes"]["tabs"].append({"title": topic, "layout": split})
+    others = {"globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}}
+    return json.dumps({"configById": panels, **others, "layout": "Tab!axes"}, indent=1)
 
 
 #: Rows of a table of moments, at most.
