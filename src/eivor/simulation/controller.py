@@ -11,16 +11,8 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import ParameterError
-from eivor.motions.rigid_body.dynamics import (
-    Components,
-    Triple,
-    Value,
-    into_body,
-    rotation,
-    stacked,
-    together,
-    turned,
-)
+from eivor.motions.rigid_body import dynamics
+from eivor.motions.rigid_body.dynamics import Components, Triple, Value
 from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.recording import GRAVITY
@@ -169,8 +161,8 @@ class Cascade:
             between(HOLD_DAMPING * hold * (-hold * away - speed), -most, most)
             for away, speed in zip(components, drift, strict=True)
         )
-        along, sideways, _ = into_body(rotation(*wanted), forward, left, 0.0)
-        return turned(wanted, -sideways / GRAVITY, along / GRAVITY, 0.0)
+        along, sideways, _ = dynamics.into_body(dynamics.rotation(*wanted), forward, left, 0.0)
+        return dynamics.turned(wanted, -sideways / GRAVITY, along / GRAVITY, 0.0)
 
     def rates(self, wanted: Components, attitude: Components) -> Triple:
         """Body rates [rad/s] that turn an attitude towards the one that is requested."""
@@ -260,7 +252,7 @@ def mixers_side_by_side(vehicles: Sequence[Vehicle]) -> Mixer:
     # (rotors, 4, flights)
     shares = np.array([item.shares for item in each]).transpose(1, 2, 0)
     up, left, down, around = (np.ascontiguousarray(shares[:, part]) for part in range(4))
-    return stacked(each, shares=((up, left, down, around),))
+    return dynamics.stacked(each, shares=((up, left, down, around),))
 
 
 class DelayLine:
@@ -374,7 +366,7 @@ class LiveFilter:
 
     def __init__(self, sensors: Sequence[Sensor], step_s: float) -> None:
         parts = [sensor.low_pass(step_s) for sensor in sensors]
-        self._filter = together(parts) if any(sensor.cutoff_hz for sensor in sensors) else None
+        self._filter = dynamics.together(parts) if any(sensor.cutoff_hz for sensor in sensors) else None
         self._late = DelayLine([sensor.delay_s for sensor in sensors], step_s)
         self._state: list[tuple[Value, Value]] | None = None
 

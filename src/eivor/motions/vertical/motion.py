@@ -21,7 +21,7 @@ from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import InstrumentRule, Prior, Values
 from eivor.motions.rigid_body.vehicle import load_vehicle
-from eivor.motions.vertical import command_limit, misspecification, regression, select, thrust_curve, verdict
+from eivor.motions.vertical import commands, misspecification, regression, select, verdict
 from eivor.motions.vertical.figures import key_figures
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
@@ -169,7 +169,7 @@ def excitation(flights: motion.Flights) -> str:
 def flight_findings(flights: motion.Flights, quantities: Mapping[str, Quantity]) -> tuple[Finding, ...]:
     """Instruments where no loop acts, what the autopilot holds its hover input to be, a curve for it."""
     listed = (*select.open_loop_findings(flights), *verdict.hover_findings(flights, quantities))
-    return (*listed, *supply_findings(flights), *thrust_curve.curve_findings(flights, quantities))
+    return (*listed, *supply_findings(flights), *commands.curve_findings(flights, quantities))
 
 
 def resampled(
@@ -193,9 +193,9 @@ def refined(
     problem: VerticalFlights, solve: motion.Solver[VerticalFlights], options: FlightOptions
 ) -> tuple[VerticalFlights, Estimate]:
     """The problem with the limit of commands and the input map that flights show."""
-    problem = command_limit.within_limit(problem)
+    problem = commands.within_limit(problem)
     if options.input_map == FIT_MAP:
-        return thrust_curve.refined_curve(problem, solve, options.accelerometer_bias)
+        return commands.refined_curve(problem, solve, options.accelerometer_bias)
     return problem, solve(problem)
 
 
@@ -299,7 +299,7 @@ class Vertical(motion.Motion[VerticalFlights]):
         }
         if problem.curve is None:
             return results
-        moved = thrust_curve.curve_quantities(of, problem.curve)
+        moved = commands.curve_quantities(of, problem.curve)
         moved["intercept"] = replace(moved["intercept"], by_run=by_run)
         return {**results, **moved, "time_constant": lag_prior.reciprocal(moved["viscous_friction"], "s")}
 
