@@ -43,7 +43,8 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     fast = [*selected.commands, *selected.logged_responses]
     grid = common_grid(selected.channels, fast, step_s=selected.step_s)
     clocks = _clocks(log, selected, options.controller_rate_hz)
-    issued = tuple(_issued(command, clocks) for command in selected.commands)
+    whole = [bridged(command) if command.held else command for command in selected.commands]
+    issued = tuple(as_issued(item, clocks[item.name]) if item.name in clocks else item for item in whole)
     channels, stands = _gridded(selected, grid, issued)
     if selected.matched_interpolation_filter:
         channels = prepared.matched_interpolation_filter(channels, selected, clocks, grid)
@@ -193,11 +194,6 @@ def _clocks(log: Recording, selected: prepared.Selection, rate_hz: float | None)
         return known_clock(command, nominal_hz) if nominal_hz and not by_stamps.is_known else by_stamps
 
     return {command.name: clock(command) for command in selected.commands if command.held}
-
-
-def _issued(command: Channel, clocks: Mapping[str, Clock]) -> Channel:
-    whole = bridged(command) if command.held else command
-    return as_issued(whole, clocks[command.name]) if command.name in clocks else whole
 
 
 def _gridded(

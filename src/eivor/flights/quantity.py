@@ -244,13 +244,6 @@ NAN = float("nan")
 NO_INTERVAL = (float("-inf"), float("inf"))
 
 
-class Kind(Enum):
-    """Whether a quantity is a parameter of the equation or follows from parameters."""
-
-    PARAMETER = "parameter"
-    DERIVED = "derived"
-
-
 @dataclass(frozen=True, slots=True)
 class QuantitySpec:
     """How a quantity is called, measured, shown and used."""
@@ -258,7 +251,7 @@ class QuantitySpec:
     words: str  # In words
     symbol: str  # As in the equation of motion
     unit: str  # SI unit; empty for the unit of the input
-    kind: Kind = Kind.PARAMETER  # Parameter or derived
+    derived: bool = False  # It is no parameter of the equation, but follows from parameters
     shown_unit: str = ""  # Unit of tables and figures
     scale: float = 1.0  # From the SI unit to the shown one
     lowest: float = -math.inf  # What no such quantity can be below; intervals are cut there

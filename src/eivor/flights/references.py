@@ -201,11 +201,6 @@ class ReferenceSource:
     #: Whether loops stand between it and the axis: it serves where nothing closer that is exogenous does.
     distant: bool = False
 
-    @property
-    def held_in_position(self) -> bool:
-        """Whether a position loop follows it: constant, it leaves that loop's setpoints only feedback."""
-        return self.distant or bool(self.measured)
-
 
 @dataclass(frozen=True, slots=True)
 class Reference:
@@ -244,7 +239,9 @@ def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[
     if alone:
         serving, why = alone, f"{alone[0]}, which follows it openly, serves"
     elif not any(reference.usable and reference.exogenous for reference in result):
-        held = [item.name for item, source in pairs if source.held_in_position and item.remark == CONSTANT]
+        # constant references of position leave that loop's setpoints only feedback
+        followed = [item for item, source in pairs if source.distant or source.measured]
+        held = [item.name for item in followed if item.remark == CONSTANT]
         if not held:
             return result
         why = f"a loop computes it, and what that follows never moved ({held[0]})"

@@ -248,6 +248,7 @@ class _Names:
     channels: Mapping[str, MachineChannel]
     units: Mapping[str, Unit]  # Of channels, then of names
     lets: Mapping[str, str]  # Texts in place of names
+    actuators: tuple[str, ...]
 
     def expanded(self, text: str) -> str:
         """The text with names of `[let]` put in place."""
@@ -313,13 +314,13 @@ def machine_of(top: TomlTable) -> Machine:
     """Machine of a declaration; its channels are known from then on."""
     given = top.convert(_File)
     channels = {name: _channel(name, section) for name, section in _tables(top, "channels", "unit").items()}
-    names = _names(top, channels)
     delays = _actuators(top)
+    names = _names(top, channels, tuple(delays))
     if bool(given.axes) == bool(given.terms):
         expected = "one equation by response and [terms], or several by [axes.NAME]"
         raise top.wrong("terms", expected, "both" if given.axes else "neither", "Give one.")
     sections = _tables(top, "axes", "response") if given.axes else {given.title or given.name: top}
-    axes = tuple(_axis(name, part, names, tuple(delays)) for name, part in sections.items())
+    axes = tuple(_axis(name, part, names) for name, part in sections.items())
     terms = {term.name: term for axis in axes for term in axis.terms}
     if len(terms) < sum(len(axis.terms) for axis in axes):
         raise top.wrong("axes", "parameters with names of their own", "one name in two axes", "Rename one.")
@@ -385,9 +386,10 @@ def _channel(name: str, section: TomlTable) -> MachineChannel:
     return MachineChannel(name, logged_unit, role, held, given.feedback, noise)
 
 
-def _names(top: TomlTable, channels: Mapping[str, MachineChannel]) -> _Names:
+def _names(top: TomlTable, channels: Mapping[str, MachineChannel], actuators: tuple[str, ...]) -> _Names:
     """Channels and the names of [let], each with its unit; every name of the latter stands for a text."""
-    names = _Names(top, channels, {name: parsed_unit(item.unit) for name, item in channels.items()}, {})
+    units = {name: parsed_unit(item.unit) for name, item in channels.items()}
+    names = _Names(top, channels, units, {}, actuators)
     for name, section in _tables(top, "let", "is").items():
         given = section.convert(_Let)
         if name in channels:
@@ -396,7 +398,7 @@ def _names(top: TomlTable, channels: Mapping[str, MachineChannel]) -> _Names:
         unit = _declared_unit(section, given.unit, unit, scaled)
         lets = {**names.lets, name: names.expanded(given.of)}
         _checked(section, "is", lets[name])
-        names = _Names(top, channels, {**names.units, name: unit}, lets)
+        names = replace(names, units={**names.units, name: unit}, lets=lets)
     return names
 
 
@@ -434,7 +436,7 @@ def _actuators(top: TomlTable) -> dict[str, tuple[Any, Any]]:
     return results
 
 
-def _axis(name: str, section: TomlTable, names: _Names, actuators: tuple[str, ...]) -> AxisEquation:
+def _axis(name: str, section: TomlTable, names: _Names) -> AxisEquation:
     top = names.top
     given = section.convert(_Axis) if section is not top else top.convert(_File)
     responses = [given.response] if isinstance(given.response, str) else given.response
@@ -447,8 +449,7 @@ def _axis(name: str, section: TomlTable, names: _Names, actuators: tuple[str, ..
         raise section.wrong("response", "candidates of one unit", pair, "Correct one of them.")
     expanded = tuple(names.expanded(text) for text in responses)
     terms = tuple(
-        _term(key, part, names, actuators, expanded, units[0])
-        for key, part in _tables(section, "terms", "of").items()
+        _term(key, part, names, expanded, units[0]) for key, part in _tables(section, "terms", "of").items()
     )
     if all(term.is_intercept for term in terms):
         raise section.wrong("terms", "a term with a channel", "none", "Add one: NAME = EXPRESSION.")
@@ -480,12 +481,7 @@ def _axis(name: str, section: TomlTable, names: _Names, actuators: tuple[str, ..
 
 
 def _term(
-    name: str,
-    section: TomlTable,
-    names: _Names,
-    actuators: tuple[str, ...],
-    responses: tuple[str, ...],
-    response_unit: Unit,
+    name: str, section: TomlTable, names: _Names, responses: tuple[str, ...], response_unit: Unit
 ) -> Term:
     given = section.convert(_Term)
     unit, _ = names.unit(section, "of", given.of)
@@ -496,7 +492,7 @@ def _term(
         raise section.wrong("of", "a term that is not the response", f"'{given.of}'", "Leave it out.")
     inputs = [column for column in expression.columns if names.channels[column].role == "input"]
     if given.behind:
-        section.choose("behind", given.behind, actuators)
+        section.choose("behind", given.behind, names.actuators)
         if not inputs:
             expected = "an expression over an input, which the actuator follows,"
             remedy = 'Leave out behind, or give a role = "input".'

@@ -20,7 +20,7 @@ from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES, LEVEL, ratio_
 from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction, VehicleSupport
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, deviations
-from eivor.flights.quantity import NAN, CardSection, Kind, Quantity, QuantityEstimate
+from eivor.flights.quantity import NAN, CardSection, Quantity, QuantityEstimate
 from eivor.flights.references import ReferenceSource, white_noise_std
 from eivor.flights.result import FlightEstimate
 from eivor.inference.covariance import JointEstimate
@@ -255,7 +255,7 @@ class Machine(DeclaredMotion):
                 item.name if item.name.find("_") == 1 else item.name.replace("_", " "),
                 item.symbol,
                 item.unit,
-                Kind.PARAMETER if item.name in parameters else Kind.DERIVED,
+                item.name not in parameters,
                 shown_unit=item.unit.replace("^2", "²"),
                 in_rows=item.name in parameters,
                 headline=item.name in self.headline,

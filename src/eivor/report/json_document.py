@@ -18,7 +18,7 @@ from eivor.flights.lag_prior import TELEMETRY, LagPrior
 from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.options import MAX_TILT_DEG
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import KeyFigure, Kind, SimpleModel, SystematicUncertainty
+from eivor.flights.quantity import KeyFigure, SimpleModel, SystematicUncertainty
 from eivor.flights.result import Fit, FlightEstimate, FlightRow, LogEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import curve_in_force, in_common
@@ -237,7 +237,7 @@ def fit_document(result: FlightEstimate) -> FitDocument:
     motion, first, fit = result.motion, result.prepared[0], result.fit
     rates = {flight.signals.rate_hz for flight in result.prepared}
     rows = quantity_rows(result.quantities, motion.quantities)
-    parameters = _quantities(rows, Kind.PARAMETER)
+    parameters = _quantities(rows, derived=False)
     for name in parameters:
         if name in motion.quantities.headline:
             sets = None if fit is None else fit.sets.get(name)
@@ -268,7 +268,7 @@ def fit_document(result: FlightEstimate) -> FitDocument:
         summary=result_card((result,)).title,
         reasons=result.verdict.sentences,
         parameters=parameters,
-        derived=_quantities(rows, Kind.DERIVED),
+        derived=_quantities(rows, derived=True),
         implied=result.implications.numbers,
         figures=result.figures,
         contradictions=result.implications.contradictions,
@@ -308,7 +308,7 @@ def _log(flight: PreparedFlight) -> JsonLog:
     )
 
 
-def _quantities(rows: Sequence[QuantityRow], kind: Kind) -> dict[str, JsonQuantity]:
+def _quantities(rows: Sequence[QuantityRow], *, derived: bool) -> dict[str, JsonQuantity]:
     return {
         row.name: JsonQuantity(
             value=row.quantity.value,
@@ -322,12 +322,12 @@ def _quantities(rows: Sequence[QuantityRow], kind: Kind) -> dict[str, JsonQuanti
             by_segment=row.quantity.by_run if row.wording.by_run else msgspec.UNSET,
         )
         for row in rows
-        if row.wording.kind is kind
+        if row.wording.derived is derived
     }
 
 
 def _row(row: FlightRow, quantities: Sequence[QuantityRow], **label: str) -> JsonRow:
-    parameters, derived = (_quantities(quantities, kind) for kind in (Kind.PARAMETER, Kind.DERIVED))
+    parameters, derived = (_quantities(quantities, derived=item) for item in (False, True))
     return JsonRow(**label, verdict=row.verdict, reasons=row.reasons, parameters=parameters, derived=derived)
 
 

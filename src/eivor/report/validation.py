@@ -20,7 +20,7 @@ from eivor.flights.motion import FIT, Motion, MultiStepPrediction, for_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import check_options, prepare
 from eivor.flights.prepared import LARGEST_INPUT_RATIO, LEVEL, RATE, CommandLimit, PreparedFlight
-from eivor.flights.quantity import Horizon, Kind, PredictedQuantity, Quantity, QuantityTable, SimpleModel
+from eivor.flights.quantity import Horizon, PredictedQuantity, Quantity, QuantityTable, SimpleModel
 from eivor.flights.result import FlightEstimate
 from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.inference.verdict import Status
@@ -62,7 +62,7 @@ def quantity_comparisons(
     """Wald tests by half-widths of both intervals, by Bonferroni; of what both identify, however roughly."""
     rows = []
     for name, spec in table.items():
-        parameter = spec.kind is Kind.PARAMETER and name not in LAG_SUMS[EFFECTIVE_LAG]
+        parameter = not spec.derived and name not in LAG_SUMS[EFFECTIVE_LAG]
         compared = parameter or spec.need or name == EFFECTIVE_LAG
         if spec.by_run or not compared or name not in fit or name not in flight:
             continue

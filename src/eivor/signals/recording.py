@@ -254,9 +254,8 @@ class Recording:
     sha256: str = ""  # Hash of the file's bytes (hexadecimal), empty when there was no file
     #: Vehicle parameters that the log carries, by the autopilot's own names
     parameters: Mapping[str, float] = field(default_factory=dict)
-    input_map: str = (
-        ""  # Name of the input map that the channel map states ("square"), empty when it does not
-    )
+    #: Name of the input map that the channel map states ("square"), empty when it does not
+    input_map: str = ""
     #: For each canonical channel the reader knows: the topics or columns it looked for
     looked_for: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()  # Named diagnostics of the reader
