@@ -107,8 +107,8 @@ def test_the_curve_of_the_motors_is_written_on_either_side(log, choices, side, t
     result = qgc(text) if of_px4 else ardupilot(text)
     assert result == {curve: pytest.approx(TRUE, abs=0.03), hover: pytest.approx(HOVER, abs=0.005)}
     reported["model"]["autopilot_curve"]["logged"] = {hover: 0.5}
-    change = rf"# {hover}: 0\.5 -> " if of_px4 else rf"{hover},\S+  # 0\.5 -> "
-    assert re.search(change, exported(reported, tmp_path, "px4" if of_px4 else "ardupilot"))
+    changed = exported(reported, tmp_path, "px4" if of_px4 else "ardupilot")
+    assert re.search(rf"{hover}(:|,\S+  #) 0\.5 -> ", changed)
     for name, truth in ((curve, TRUE), (hover, HOVER)):
         low, high = interval(text, name)
         assert low < truth < high

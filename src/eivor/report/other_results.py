@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 
-#: Colours that stand out on white and on black.
-SERIES = {"measured": "#3b82d6", "predicted": "#d9483b", "residual": "#7c8796"}
+SERIES = {"measured": "#3b82d6", "predicted": "#d9483b", "residual": "#7c8796"}  # On white and on black
 PLOTTED = (("measured", "predicted"), ("residual",))
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 PANEL_TITLES = ("foxglovePanelTitle", "lichtblickPanelTitle")
@@ -88,8 +87,7 @@ def _mcap(topics: Sequence[str], table: pl.DataFrame) -> bytes:
         content = b"".join(parts)
         return struct.pack("<BQ", kind, len(content)) + content
 
-    properties = {name: {"type": "number"} for name in SERIES}
-    schema = json.dumps({"type": "object", "properties": properties})
+    schema = json.dumps({"type": "object", "properties": {key: {"type": "number"} for key in SERIES}})
     made = [MCAP_MAGIC, record(1, text(""), text("eivor"))]
     made.append(record(3, struct.pack("<H", 1), text("eivor.Residual"), text("jsonschema"), text(schema)))
     for number, topic in enumerate(topics):
