@@ -181,20 +181,16 @@ class Bootstrap:
         checks.level(level)
         if self.pieces < 2:
             return -math.inf, math.inf
-        value, (low, high) = float(self.values[position]), _quantiles(self.replicates[:, position], level)
+        value, values = float(self.values[position]), self.replicates[:, position]
+        # order statistics (R + 1) p of R runs: another replicate is below the p-quantile with probability p
+        needed = math.ceil(2.0 / (1.0 - level) * (1.0 - 1e-12)) - 1
+        if values.size < needed:
+            expected = f"{needed} replicates or more for a level of {level:g}"
+            raise UsageError(expected, f"{values.size}", "Draw more runs, or ask for a lower level.")
+        low, high = np.quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level], method="weibull").tolist()
         wider = math.sqrt(self.pieces / (self.pieces - 1)) * t_quantile(level, self.pieces - 1)
         wider /= normal_quantile(level)
         return value + wider * (low - value), value + wider * (high - value)
-
-
-def _quantiles(values: Float[np.ndarray, " runs"], level: float) -> tuple[float, float]:
-    """Order statistics (R + 1) p of R runs: another replicate is below the p-quantile with probability p."""
-    needed = math.ceil(2.0 / (1.0 - level) * (1.0 - 1e-12)) - 1
-    if values.size < needed:
-        remedy = "Draw more runs, or ask for a lower level."
-        raise UsageError(f"{needed} replicates or more for a level of {level:g}", f"{values.size}", remedy)
-    low, high = np.quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level], method="weibull")
-    return float(low), float(high)
 
 
 def products_by_flight(rows: Regression) -> Products:

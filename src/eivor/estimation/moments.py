@@ -338,11 +338,10 @@ class Assembler(ABC):
     def check_noise(self, problem: LinearProblem) -> None:
         """Refuse instruments whose noise the rows share where the equations take none out."""
         if self.plain_products and problem.instruments_share_noise():
-            raise InstrumentError(
-                "instruments whose measurement noise no regressor and no response shares",
-                "an instrument of the same channel and lag as a noisy regressor",
-                "Use lags from 1 on, another channel, or a compensated method: generalized_iv.",
-            )
+            expected = "instruments whose measurement noise no regressor and no response shares"
+            received = "an instrument of the same channel and lag as a noisy regressor"
+            remedy = "Use lags from 1 on, another channel, or a compensated method: generalized_iv."
+            raise InstrumentError(expected, received, remedy)
 
     def noise(self, problem: LinearProblem) -> Float[np.ndarray, "p n_plus_1"] | None:
         """Mean covariance of the noises of what equations are products of; None where none is taken out."""

@@ -86,16 +86,14 @@ def with_reasons(
 
 #: What to do about numbers that a search did not reach.
 EXCITE = "Excite more, or record longer; and see that the input holds between samples as it was meant to."
+COMPARE = "Compare with reference_iv; fly longer, or with more excitation."
 CONTRADICTS = "it contradicts generalized IV beyond chance"
 
 
-def fallback(why: str, remedy: str = EXCITE) -> Reason:
-    """Ground on which generalized IV's numbers stand in, and what to do about it."""
-    return Reason(
-        Status.WEAK,
-        f"The spectral estimate is not given, since {why}: these are generalized IV's numbers.",
-        remedy,
-    )
+def instead(name: str, plain: Estimate, why: str, remedy: str = EXCITE) -> Estimate:
+    """Generalized IV's answer, with the reason why it stands in and what to do about it."""
+    sentence = f"The spectral estimate is not given, since {why}: these are generalized IV's numbers."
+    return replace(plain, method=name, met=(*plain.met, Reason(Status.WEAK, sentence, remedy)))
 
 
 def start_of(sampled: sampling.SampledProblem, plain: Estimate) -> sampling.SampledMotion:
@@ -115,11 +113,11 @@ def distance_of(plain: Estimate, solution: spectral.SpectralSolution) -> float:
 
 
 def fallen_back(name: str, plain: Estimate, error: sampling.SpectraError) -> Estimate:
-    """Generalized IV's answer, with the reason as a warning too."""
-    reason = fallback(*error.args)
+    """The same with the reason as a warning too."""
+    answer = instead(name, plain.with_covariance(EqualWeightedCosines()), *error.args)
+    reason = answer.met[-1]
     warnings.warn(f"{reason.sentence} {reason.remedy}", FallbackWarning, stacklevel=user_level())
-    answer = plain.with_covariance(EqualWeightedCosines())
-    return replace(answer, method=name, met=(*plain.met, reason))
+    return answer
 
 
 #: Passes of noises and parameters, and the change relative to the parameters that ends them.
@@ -169,14 +167,15 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
     try:
         result = corrected_whitening(name).estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
-        return _instead(name, spectral.GENERALIZED_IV.estimate(problem), "its equations have no solution")
+        why = "its equations have no solution"
+        return instead(name, spectral.GENERALIZED_IV.estimate(problem), why, COMPARE)
     try:
         plain = spectral.GENERALIZED_IV.estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
         return with_noises(problem, result)
     distance = _squared_distance(result, plain)
     if distance > hotelling_quantile(ALLOWED, result.theta.size, COSINE_AVERAGES):
-        return _instead(name, plain, f"{CONTRADICTS} (squared distance {distance:.3g})")
+        return instead(name, plain, f"{CONTRADICTS} (squared distance {distance:.3g})", COMPARE)
     return with_noises(problem, result)
 
 
@@ -184,11 +183,6 @@ def with_noises(problem: SeparableProblem, estimate: Estimate) -> Estimate:
     """Estimate with the noises that fit what it leaves."""
     pairs = paired_bins(problem, estimate.theta, estimate.nuisances)
     return replace(estimate, noises=pairs.fitted_noises(problem.bins(estimate.nuisances)))
-
-
-def _instead(name: str, plain: Estimate, why: str) -> Estimate:
-    reason = fallback(why, "Compare with reference_iv; fly longer, or with more excitation.")
-    return replace(plain, method=name, met=(*plain.met, reason))
 
 
 def _squared_distance(estimate: Estimate, other: Estimate) -> float:

@@ -103,14 +103,12 @@ def end_of(signals: Signals, count: int) -> Signals:
 def continued(before: Signals, chunk: Signals, lag: int) -> Signals:
     """Return a chunk with the last `lag` samples before it."""
     if chunk.rate_hz != before.rate_hz or set(chunk.channels) != set(before.channels):
-        raise UsageError(
-            f"chunks of one record: {before.rate_hz:g} Hz, {', '.join(sorted(before.channels))}",
-            f"a chunk of {chunk.rate_hz:g} Hz with {', '.join(sorted(chunk.channels))}",
-            "Give the chunks of one record in their order.",
-        )
-    expected = before.offset + before.sample_count
-    if chunk.offset not in (0, expected):
-        wanted = f"a chunk that begins where the one before it ends, at sample {expected}"
+        expected = f"chunks of one record: {before.rate_hz:g} Hz, {', '.join(sorted(before.channels))}"
+        received = f"a chunk of {chunk.rate_hz:g} Hz with {', '.join(sorted(chunk.channels))}"
+        raise UsageError(expected, received, "Give the chunks of one record in their order.")
+    follows = before.offset + before.sample_count
+    if chunk.offset not in (0, follows):
+        wanted = f"a chunk that begins where the one before it ends, at sample {follows}"
         remedy = "Give every chunk, in order; mark samples that are missing as not valid."
         raise UsageError(wanted, f"one that says it begins at sample {chunk.offset}", remedy)
     end = end_of(before, lag)

@@ -60,11 +60,9 @@ class TwoStage(EquationWeighting):
 
 def _cross_moments(moments: Moments) -> CrossMoments:
     if not isinstance(moments, CrossMoments):
-        raise UsageError(
-            "moments with the instruments' own products",
-            type(moments).__name__,
-            "Two-stage weighting goes with an instrumental assembler; make the moments with its method.",
-        )
+        expected = "moments with the instruments' own products"
+        remedy = "Two-stage weighting goes with an instrumental assembler; make the moments with its method."
+        raise UsageError(expected, type(moments).__name__, remedy)
     return moments
 
 
@@ -143,11 +141,10 @@ class LimitedInformation(EquationWeighting):
         noisy = np.ix_(~exact, ~exact)
         scale = unit_scale(np.diag(S)[~exact])
         if not exact.all() and np.linalg.eigvalsh(np.outer(scale, scale) * S[noisy])[0] <= EXACT:
-            raise NoUniqueSolutionError(
-                "equations with an error, of which a least one can be found",
-                "a response that is a combination of regressors and instruments but for rounding",
-                "Use extended_iv or generalized_iv: of exact data they give the exact answer.",
-            )
+            expected = "equations with an error, of which a least one can be found"
+            received = "a response that is a combination of regressors and instruments but for rounding"
+            remedy = "Use extended_iv or generalized_iv: of exact data they give the exact answer."
+            raise NoUniqueSolutionError(expected, received, remedy)
         made = replace(divided(system, L), error_covariance=S, error_degrees=moments.rows - instruments)
         return made, L
 

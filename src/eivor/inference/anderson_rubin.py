@@ -100,7 +100,12 @@ def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) ->
         at_pivot = scores.cosines @ np.concatenate([[1.0], -pivot])
         root = _triangular_root(at_pivot / np.sqrt(averages), error)
         pivot = _solution(scipy.linalg.solve_triangular(root, scores.total, lower=True))[0]
-    frame = RegionFrame(pivot, _standard_errors(scores.total, root))
+    A = scipy.linalg.solve_triangular(root, scores.total[:, 1:], lower=True)
+    scale = column_scale(A)
+    singular, V = np.linalg.svd(A * scale, full_matrices=False)[1:]
+    kept = singular > 1e-8 * singular[0]
+    standard_errors = scale / unit_scale(((V[kept] / singular[kept, None]) ** 2).sum(axis=0))
+    frame = RegionFrame(pivot, standard_errors)
     whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
     critical = hotelling_quantile(level, p, float(averages))
     change = _to_frame(frame)
@@ -122,14 +127,6 @@ def _solution(equations: Equations) -> tuple[Vector, Vector]:
     scale = column_scale(equations[:, 1:])
     solution = np.linalg.lstsq(equations[:, 1:] * scale, equations[:, 0], rcond=None)[0]
     return solution * scale, scale
-
-
-def _standard_errors(total: Equations, root: Square) -> Vector:
-    A = scipy.linalg.solve_triangular(root, total[:, 1:], lower=True)
-    scale = column_scale(A)
-    singular, V = np.linalg.svd(A * scale, full_matrices=False)[1:]
-    kept = singular > 1e-8 * singular[0] if singular[0] > 0.0 else np.zeros(singular.size, dtype=np.bool_)
-    return scale / unit_scale(((V[kept] / singular[kept, None]) ** 2).sum(axis=0))
 
 
 def _triangular_root(rows: Float[np.ndarray, "rows p"], error: CollinearError) -> Square:

@@ -326,23 +326,13 @@ def cosine_sums(scores: Iterable[Block], count: int, averages: int) -> Float[np.
             sums.append(np.cos(step * (start + 0.5 + np.arange(grouped, samples))) @ block[grouped:])
         start += samples
     if moments:
-        sums.append(_sums_of_groups(np.concatenate(moments, axis=1), step * np.concatenate(middles)))
+        grouped, middle = np.concatenate(moments, axis=1), step * np.concatenate(middles)
+        waves, order = (np.cos(middle), np.sin(middle)), np.arange(1, averages + 1)[:, None]
+        series = (order**k * (waves[k % 2] @ grouped[:, :, k].T) for k in range(len(SIGNS)))
+        sums += [sign * term for sign, term in zip(SIGNS, series, strict=True)]
     if not sums:
         raise ValueError("no block of scores")
     return np.asarray(sum(sums))
-
-
-def _sums_of_groups(
-    moments: Float[np.ndarray, "n groups powers"], middles: Float[np.ndarray, "averages groups"]
-) -> Float[np.ndarray, "averages n"]:
-    """Sums of the scores times each cosine, from moments of groups around their middle angles."""
-    cosine, sine = np.cos(middles), np.sin(middles)
-    order = np.arange(1, middles.shape[0] + 1)[:, None]
-    terms = (
-        sign * order**power * ((sine if power % 2 else cosine) @ moments[:, :, power].T)
-        for power, sign in enumerate(SIGNS)
-    )
-    return np.asarray(sum(terms))
 
 
 def cosine_averages(

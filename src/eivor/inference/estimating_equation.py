@@ -191,25 +191,17 @@ def products_of_rows(
     width = p + regressors.shape[1] + 1
     sums = np.zeros((counts.size, width, width))
     if counts.size and counts.mean() < SHORT_BLOCK:
-        _sum_short_blocks(np.column_stack(parts), edges, sums)
+        # as many rows as all of them have, then each further row
+        columns, firsts = np.column_stack(parts), edges[:-1]
+        rows = columns[firsts[:, None] + np.arange(counts.min())]
+        np.matmul(rows.swapaxes(1, 2), rows, out=sums)
+        for row in range(counts.min(), counts.max()):
+            longer = np.flatnonzero(counts > row)
+            here = columns[firsts[longer] + row]
+            sums[longer] += here[:, :, None] * here[:, None, :]
         return Products(counts.astype(np.float64), sums, p)
     for k, ends in enumerate(pairwise(edges.tolist())):
         for stretch in row_blocks(*ends, MULTIPLIED_ROWS):
             columns = np.column_stack([part[slice(*stretch)] for part in parts])
             sums[k] += columns.T @ columns
     return Products(counts.astype(np.float64), sums, p)
-
-
-def _sum_short_blocks(
-    columns: Float[np.ndarray, "rows m"],
-    edges: Int[np.ndarray, " K_plus_1"],
-    sums: Float[np.ndarray, "K m m"],
-) -> None:
-    """Fill sums of many short blocks: of as many rows as all of them have, then of each further row."""
-    firsts, counts = edges[:-1], np.diff(edges)
-    rows = columns[firsts[:, None] + np.arange(counts.min())]
-    np.matmul(rows.swapaxes(1, 2), rows, out=sums)
-    for row in range(counts.min(), counts.max()):
-        longer = np.flatnonzero(counts > row)
-        here = columns[firsts[longer] + row]
-        sums[longer] += here[:, :, None] * here[:, None, :]

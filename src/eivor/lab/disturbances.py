@@ -328,7 +328,8 @@ class Bilinear(excitation.Disturbance):
 class Garch(excitation.Disturbance):
     """x[k] = sqrt(h[k]) w[k], h[k] = floor + sum_i a_i x[k-i]^2 + sum_j b_j h[k-j]; ARCH without b."""
 
-    floor: excitation.Positive  # Constant part of the variance, in the square of the equation's unit
+    # Constant part of the variance, above zero, in the square of the equation's unit
+    floor: excitation.Positive
     # a_1, a_2, ..., zero or more
     shocks: Annotated[tuple[float, ...], (non_negative, "coefficient of shocks")]
     # b_1, b_2, ..., zero or more

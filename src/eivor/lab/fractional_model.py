@@ -232,12 +232,6 @@ class FractionalTerm:
         order = self.order
         return (order.low, order.high) if isinstance(order, UnknownOrder) else (float(order), float(order))
 
-    def may_be(self, other: FractionalTerm) -> bool:
-        """Whether the two could be one column: of one lag, with an order in common inside their ranges."""
-        (low, high), (least, largest) = self.range, other.range
-        shared, both_ranges = min(high, largest) - max(low, least), low < high and least < largest
-        return self.lag == other.lag and (shared > 0.0 if both_ranges else shared >= 0.0)  # ranges may touch
-
 
 def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
     """Terms from a sequence of them, of orders, or of both."""
@@ -247,12 +241,14 @@ def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
         raise UsageError(expected, checks.described(given), "Give (0.0, 0.5), for example.")
     terms = tuple(item if isinstance(item, FractionalTerm) else FractionalTerm(item) for item in given)
     for entry, other in combinations(terms, 2):
-        if entry.may_be(other):
-            raise ParameterError(
-                f"terms of different orders or lags for {name}, in ranges that do not meet",
-                f"orders {_span(entry)} and {_span(other)} at lag {entry.lag}",
-                "Where orders are equal their columns are one: leave a term out, or narrow the range.",
-            )
+        # one column where lags are the same and an order is in both: two ranges may touch
+        (low, high), (least, largest) = entry.range, other.range
+        shared, both_ranges = min(high, largest) - max(low, least), low < high and least < largest
+        if entry.lag == other.lag and (shared > 0.0 if both_ranges else shared >= 0.0):
+            expected = f"terms of different orders or lags for {name}, in ranges that do not meet"
+            received = f"orders {_span(entry)} and {_span(other)} at lag {entry.lag}"
+            remedy = "Where orders are equal their columns are one: leave a term out, or narrow the range."
+            raise ParameterError(expected, received, remedy)
     return terms
 
 
@@ -512,11 +508,9 @@ class FractionalDifferenceModel:
         checks.kind("operator", self.operator, FractionalOperator, "an operator", remedy)
         leading = self._of_side("output")[0].order
         if isinstance(leading, UnknownOrder):
-            raise ParameterError(
-                "a known order of the first term of the output",
-                f"the unknown '{leading.name}'",
-                "Put a term of known order first, or take Delta^-order of both sides.",
-            )
+            expected = "a known order of the first term of the output"
+            remedy = "Put a term of known order first, or take Delta^-order of both sides."
+            raise ParameterError(expected, f"the unknown '{leading.name}'", remedy)
         ranges = {order.name: order for order in self._repeated_orders()}
         for order in self._repeated_orders():
             if order != ranges[order.name]:

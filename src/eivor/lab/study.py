@@ -114,11 +114,10 @@ class MethodChoice:
         if not self.label:
             object.__setattr__(self, "label", self.name)
         if (self.lags is None) != (self.name in DIRECT):
-            raise UsageError(
-                f"lags = [first, last] for {', '.join(INSTRUMENTAL)}, and for no other method",
-                f"'{self.name}' with " + ("none" if self.lags is None else f"{list(self.lags)}"),
-                "The paper's extended IV has [1, 10], generalized IV [0, 10].",
-            )
+            expected = f"lags = [first, last] for {', '.join(INSTRUMENTAL)}, and for no other method"
+            received = f"'{self.name}' with " + ("none" if self.lags is None else f"{list(self.lags)}")
+            remedy = "The paper's extended IV has [1, 10], generalized IV [0, 10]."
+            raise UsageError(expected, received, remedy)
         if self.lags is not None:
             lags(self.channel, *self.lags)
         for what, value, usual, fitting in (

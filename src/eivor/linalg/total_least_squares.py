@@ -355,11 +355,10 @@ def weighted_total_least_squares(system: LinearSystem, row_covariances: Covarian
         if change <= TOLERANCE * float(np.max(np.abs(theta))):
             break
     else:
-        raise ConvergenceError(
-            f"a settled weighted total least squares iteration within {ITERATIONS} steps",
-            f"a last relative change of {change / float(np.max(np.abs(theta))):.2g}",
-            "The data hardly determine a parameter, or the weights are extreme: check the covariances.",
-        )
+        expected = f"a settled weighted total least squares iteration within {ITERATIONS} steps"
+        received = f"a last relative change of {change / float(np.max(np.abs(theta))):.2g}"
+        remedy = "The data hardly determine a parameter, or the weights are extreme: check the covariances."
+        raise ConvergenceError(expected, received, remedy)
     residual = b - A @ theta
     weight, _ = _adjusted(A, b, S, theta)
     return Solution(theta / lengths[:-1], residual, float(np.sum(residual**2 / weight)), start.condition)

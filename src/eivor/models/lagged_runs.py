@@ -13,7 +13,7 @@ from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.regression import AxisRows, Parameter, Regression, RowLayout, SampleRows, noise_of_surrogate
 from eivor.models.separable import Interpolation, MovedRun, Nuisance, SeparableProblem, Values, WarmStart
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun, trend
-from eivor.tools import Bool, Complex, Float, Int
+from eivor.tools import Bool, Complex, Float
 
 #: Nuisances of nearly every vehicle, as they are called in results.
 ACTUATOR_LAG = Parameter("actuator_lag", "s")
@@ -242,11 +242,10 @@ class LaggedRuns(SeparableProblem):
         if count < least:
             low, high = min(run.band_hz[0] for run in runs), max(run.band_hz[1] for run in runs)
             longest = max(run.length * run.step_s for run in runs)
-            raise TooFewSamplesError(
-                f"{least} frequencies or more between {low:.3g} and {high:.3g} Hz in the runs used",
-                f"{count or 'none'}; the longest run lasts {longest:.3g} s",
-                "Fly longer without a break, and log commands and sensors faster.",
-            )
+            expected = f"{least} frequencies or more between {low:.3g} and {high:.3g} Hz in the runs used"
+            received = f"{count or 'none'}; the longest run lasts {longest:.3g} s"
+            remedy = "Fly longer without a break, and log commands and sensors faster."
+            raise TooFewSamplesError(expected, received, remedy)
         for item in self.columns:
             if item.responses.shape[1] not in (1, 2):
                 expected = "one or two candidates for the response of an axis"
@@ -292,7 +291,10 @@ class LaggedRuns(SeparableProblem):
         every = [self._moving_bins(point) for point in points]
         for number, (item, _) in enumerate(self._cut()):
             X = np.stack([blocks[number].T for blocks in every])
-            yield self._places(item), np.concatenate([X.real, X.imag], axis=2)
+            yield (
+                self.still + np.array(self._positions(item), dtype=np.int64),
+                np.concatenate([X.real, X.imag], axis=2),
+            )
 
     def with_instruments(self, instruments: Sequence[Float[np.ndarray, "n p"]]) -> LaggedRuns:
         """The same with other instruments of each flight and axis."""
@@ -374,10 +376,6 @@ class LaggedRuns(SeparableProblem):
         """Places of the columns that move in an axis' equation, among all that move."""
         every = range(len(self.parameters) - axis_columns.fixed.shape[1])
         return every if axis_columns.moved is None else axis_columns.moved
-
-    def _places(self, axis_columns: AxisColumns) -> Int[np.ndarray, " m"]:
-        """Places of the same columns among all."""
-        return self.still + np.array(self._positions(axis_columns), dtype=np.int64)
 
     def _among_all(self, blocks: list[np.ndarray]) -> list[np.ndarray]:
         """Moving columns of every run at their places, with zeros for what is not in its equation."""
