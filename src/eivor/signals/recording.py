@@ -291,9 +291,8 @@ class Recording:
         """First and last stamp over all channels [s]."""
         if isinstance(self.channels, MadeChannels):
             return self.channels.span_s
-        ends = [
-            (float(c.time_s[0]), float(c.time_s[-1])) for c in self.channels.values() if c.time_s.size
-        ] or [(0.0, 0.0)]
+        stamps = [channel.time_s for channel in self.channels.values() if channel.time_s.size]
+        ends = [(float(time_s[0]), float(time_s[-1])) for time_s in stamps] or [(0.0, 0.0)]
         return min(first for first, _ in ends), max(last for _, last in ends)
 
     def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> Recording:

@@ -313,9 +313,8 @@ def in_still_air(log: Recording, spans_s: Sequence[tuple[float, float]]) -> tupl
         return log, ()
     known = wind_of(log, spans_s)
     if known is None:
-        return log, (
-            "The airspeed does not determine the wind, since the vehicle hardly turned: air is at rest.",
-        )
+        why = "The airspeed does not determine the wind, since the vehicle hardly turned: air is at rest."
+        return log, (why,)
     channels = dict(log.channels)
     for stem, power in (("velocity", 0), ("position", 1)):
         for axis, along in zip("xy", known.theta, strict=False):

@@ -166,6 +166,8 @@ ATTITUDE = tuple(f"attitude_{part}" for part in "wxyz")
 VELOCITY, POSITION = (tuple(f"{name}_{axis}" for axis in "xyz") for name in ("velocity", "position"))
 
 Triple: TypeAlias = tuple[Value, Value, Value]
+#: Of a rotation from body to world.
+Rows: TypeAlias = tuple[Triple, Triple, Triple]
 #: The components of a body's state: a list of floats, or an array of shape (13, flights).
 Body: TypeAlias = list[Value] | Float[np.ndarray, "13 ..."]
 
@@ -224,7 +226,7 @@ def specific_force(coefficients: Coefficients, body: Body, speeds: Sequence[Valu
     return fx / coefficients.mass, fy / coefficients.mass, fz / coefficients.mass
 
 
-def rotation(w: Value, x: Value, y: Value, z: Value) -> tuple[Triple, Triple, Triple]:
+def rotation(w: Value, x: Value, y: Value, z: Value) -> Rows:
     """Rows of the rotation from body to world; a quaternion of any length will do."""
     double = 2.0 / (w * w + x * x + y * y + z * z)
     dx, dy, dz = double * x, double * y, double * z
@@ -272,15 +274,13 @@ def continuous(parts: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "4 n"]:
     return result
 
 
-def into_body(rows: tuple[Triple, Triple, Triple], x: Value, y: Value, z: Value) -> Triple:
+def into_body(rows: Rows, x: Value, y: Value, z: Value) -> Triple:
     """Vector of the world on the body's axes."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
 
 
-def felt(
-    rows: tuple[Triple, Triple, Triple], velocity: Float[np.ndarray, "3 n"], step_s: float
-) -> Float[np.ndarray, "3 n"]:
+def felt(rows: Rows, velocity: Float[np.ndarray, "3 n"], step_s: float) -> Float[np.ndarray, "3 n"]:
     """What an accelerometer reads on the body's axes where the velocity in the world changes as it does."""
     x, y, z = (time_derivative(axis, step_s) for axis in velocity)
     return np.stack(into_body(rows, x, y, z + GRAVITY))

@@ -127,9 +127,7 @@ class StatePropagator:
         states = self.starts.propagate(initial_states.reshape(dynamics.BODY, -1), self)
         return states.reshape(*states.shape[:2], len(self.models), -1).transpose(2, 0, 1, 3)
 
-    def _velocity(
-        self, body: Float[np.ndarray, "13 n"], rows: tuple[dynamics.Triple, dynamics.Triple, dynamics.Triple]
-    ) -> Float[np.ndarray, "3 n"]:
+    def _velocity(self, body: Float[np.ndarray, "13 n"], rows: dynamics.Rows) -> Float[np.ndarray, "3 n"]:
         return np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
 
     @cached_property

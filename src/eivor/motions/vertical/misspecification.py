@@ -193,9 +193,8 @@ class OmittedTerms:
             drag = f"a drag of {value:.2g} ± {half:.2g} 1/m times the squared speed"
             return f"{drag} is missed: K is that of these speeds"
         if name == regression.GROUND:
-            return (
-                f"thrust {'grows' if value > 0.0 else 'falls'} towards the ground, as if the ground were near"
-            )
+            grows = "grows" if value > 0.0 else "falls"
+            return f"thrust {grows} towards the ground, as if the ground were near"
         if name == CURVATURE:
             bends = "more" if value > 0.0 else "less"
             by = f"{value:+.2g} ± {half:.2g} times the squared share of the input beyond its mean"
