@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 
@@ -27,10 +26,6 @@ class Autopilot:
     hover: vertical.AutopilotParameter
     curve: vertical.AutopilotParameter
     not_of: tuple[str, ...]
-
-
-#: Numbers by the autopilot's names, and why others are missing.
-Proposed: TypeAlias = tuple[dict[str, Number], dict[str, str]]
 
 
 def _written(
@@ -73,8 +68,8 @@ def _check_flown(fitted: Fitted, autopilot: Autopilot) -> None:
         )
 
 
-def _proposed(fitted: Fitted, autopilot: Autopilot) -> Proposed:
-    """Curve and hover together, hover alone where the curve in force stays, or neither."""
+def _proposed(fitted: Fitted, autopilot: Autopilot) -> tuple[dict[str, Number], dict[str, str]]:
+    """Curve and hover, hover where the curve in force stays, or neither; and why others are missing."""
     hover, curve = fitted.identified_number(HOVER), fitted.identified_number(CURVE)
     names = autopilot.hover.name, autopilot.curve.name
     if fitted.curve_side is CurveSide.UNKNOWN:

@@ -63,10 +63,6 @@ class Inspection:
     tried: tuple[float, float] | None = None  # [s]
 
     @property
-    def verdict(self) -> str:
-        return "unusable" if self.result is None else self.result.verdict.status.value
-
-    @property
     def reasons(self) -> tuple[str, ...]:
         if self.result is not None:
             return self.result.verdict.sentences
@@ -180,7 +176,7 @@ def inspection_json(inspection: Inspection) -> dict[str, Json]:
         parameters=inspection.parameters,
         calibration=inspection.compatibility,
         findings=inspection.findings,
-        verdict=inspection.verdict,
+        verdict="unusable" if inspection.result is None else inspection.result.verdict.status.value,
         reasons=inspection.reasons,
     )
 

@@ -386,7 +386,8 @@ def _add_sweep(reading: ardupilot.MessageReading, name: str, sweep: Messages, va
     if time[0] > 0.0:
         time, injected = np.insert(time, 0, 0.0), np.insert(injected, 0, 0.0)
     channel = replace(channel, time_s=time, values=injected)
-    reading.keep(channel if given_channel is None else _with_sweep(given_channel, channel))
+    kept = channel if given_channel is None else _with_sweep(given_channel, channel)
+    reading.put(kept, lambda: kept)
 
 
 def _with_sweep(channel: Channel, sweep: Channel) -> Channel:

@@ -289,13 +289,10 @@ class MessageReading:
 
         channel = made(self.inactive_setpoints)
         if np.isfinite(channel.values).any():
-            self._put(channel, made)
+            self.put(channel, made)
 
-    def keep(self, channel: Channel) -> None:
-        """Put a channel that is made of others, or in the place of one."""
-        self._put(channel, lambda: channel)
-
-    def _put(self, channel: Channel, make: Callable[[], Channel]) -> None:
+    def put(self, channel: Channel, make: Callable[[], Channel]) -> None:
+        """Add a channel, or put it in the place of another."""
         self.channels.put(channel, make)
         nothing = np.empty(0)
         self.heads[channel.name] = replace(channel, time_s=nothing, values=nothing)
