@@ -183,8 +183,8 @@ def all_messages(path):
         content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
     layouts, _ = read_layouts(content)
     data = np.frombuffer(content, dtype=np.uint8)
-    positions = find_offsets(data, layouts, layouts)
-    return {layout.name: Messages(layout, data, positions.of(number)) for number, layout in layouts.items()}
+    offsets, _ = find_offsets(data, layouts, layouts)
+    return {layout.name: Messages(layout, data, offsets[number]) for number, layout in layouts.items()}
 
 
 def peers_messages(path):

@@ -236,26 +236,10 @@ MAX_BREAKS = 1_000_000
 
 
 @dataclass(slots=True)
-class Offsets:
-    """Where messages begin."""
-
-    by_type: dict[int, list[np.ndarray]] = field(default_factory=dict)
-    skipped: int = 0
-    cut: int = 0
-    _position: int = 0
-    _breaks: int = 0
-
-    def of(self, number: int) -> np.ndarray:
-        """Return the places of a type, in order; they are handed out once."""
-        parts = self.by_type.pop(number, None)
-        return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
-
-    def findings(self) -> list[Finding]:
-        damaged = "Damaged parts were left out: {} bytes that belong to no message."
-        return [
-            *noted("truncated", "The log ends within a message ({} bytes of it are there).", self.cut),
-            *noted("corrupt_parts", damaged, self.skipped),
-        ]
+class _Chain:
+    position: int = 0  # Where the next message should begin
+    breaks: int = 0
+    skipped: int = 0  # [bytes]
 
 
 def read_messages(content: mmap.mmap, names: Collection[str]) -> tuple[list[Messages], list[Finding]]:
@@ -263,37 +247,41 @@ def read_messages(content: mmap.mmap, names: Collection[str]) -> tuple[list[Mess
     layouts, findings = read_layouts(content)
     wanted = {number: layout for number, layout in layouts.items() if layout.name in names}
     data = np.frombuffer(content, dtype=np.uint8)
-    positions = find_offsets(data, layouts, wanted)
-    messages = [Messages(layout, data, positions.of(number)) for number, layout in wanted.items()]
-    return messages, [*findings, *positions.findings()]
+    offsets, damage = find_offsets(data, layouts, wanted)
+    messages = [Messages(layout, data, offsets[number]) for number, layout in wanted.items()]
+    return messages, [*findings, *damage]
 
 
-def find_offsets(data: np.ndarray, layouts: Mapping[int, MessageType], wanted: Collection[int]) -> Offsets:
-    """Return the places of all messages of the wanted types."""
+def find_offsets(
+    data: np.ndarray, layouts: Mapping[int, MessageType], wanted: Collection[int]
+) -> tuple[dict[int, np.ndarray], list[Finding]]:
+    """Return the places of all messages of the wanted types, in order, and what is damaged."""
     lengths = np.zeros(256, dtype=np.int64)
     for number, layout in layouts.items():
         lengths[number] = layout.length
     is_wanted = np.zeros(256, dtype=np.bool_)
     is_wanted[list(wanted)] = True
     kept = np.uint32 if data.size < 1 << 32 else np.int64
-    positions = Offsets()
+    parts, chain = {number: [np.empty(0, kept)] for number in wanted}, _Chain()
     for start in range(0, data.size, BLOCK_BYTES):
-        if positions._breaks > MAX_BREAKS:
+        if chain.breaks > MAX_BREAKS:
             break
         part = data[start : start + BLOCK_BYTES + 2]
         indices = np.flatnonzero((part[:-2] == HEAD[0]) & (part[1:-1] == HEAD[1]))
         heads = indices[lengths[part[indices + 2]] > 0] + start
-        heads = heads[_chained(data, heads, lengths, positions)]
+        heads = heads[_chained(data, heads, lengths, chain)]
         kinds = data[heads + 2]
         heads, kinds = heads[is_wanted[kinds]], kinds[is_wanted[kinds]]
         for number in np.unique(kinds).tolist():
-            positions.by_type.setdefault(number, []).append(heads[kinds == number].astype(kept))
-    rest = data[positions._position :]
-    if rest[:2].tobytes() == HEAD[: rest.size] and not (rest.size > 2 and lengths[rest[2]] <= rest.size):
-        positions.cut = int(rest.size)
-    else:
-        positions.skipped += int(rest.size)
-    return positions
+            parts[number].append(heads[kinds == number].astype(kept))
+    rest = data[chain.position :]
+    is_cut = rest[:2].tobytes() == HEAD[: rest.size] and not (rest.size > 2 and lengths[rest[2]] <= rest.size)
+    skipped = chain.skipped + (0 if is_cut else rest.size)
+    sentence = "The log ends within a message ({} bytes of it are there)."
+    findings = noted("truncated", sentence, rest.size if is_cut else 0)
+    damaged = "Damaged parts were left out: {} bytes that belong to no message."
+    findings += noted("corrupt_parts", damaged, skipped)
+    return {number: np.concatenate(parts.pop(number)) for number in wanted}, findings
 
 
 def _followed(data: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bool[np.ndarray, " n"]:
@@ -305,9 +293,9 @@ def _followed(data: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bool[n
 
 
 def _chained(
-    data: np.ndarray, heads: np.ndarray, lengths: np.ndarray, positions: Offsets
+    data: np.ndarray, heads: np.ndarray, lengths: np.ndarray, chain: _Chain
 ) -> Bool[np.ndarray, " n"]:
-    """Which heads of a block begin messages; moves `positions` on to where the next one should begin."""
+    """Which heads of a block begin messages; moves the chain on to where the next one should begin."""
     taken = np.zeros(heads.size, dtype=np.bool_)
     if not heads.size:
         return taken
@@ -315,21 +303,19 @@ def _chained(
     continues = _followed(data, ends, lengths)
     able = np.flatnonzero(continues)
     last = np.append(np.flatnonzero(~continues[:-1] | (ends[:-1] != heads[1:])), heads.size - 1)
-    index = int(np.searchsorted(heads, positions._position))
-    while index < heads.size and positions._breaks <= MAX_BREAKS:
-        if heads[index] != positions._position or not continues[index]:
+    index = int(np.searchsorted(heads, chain.position))
+    while index < heads.size and chain.breaks <= MAX_BREAKS:
+        if heads[index] != chain.position or not continues[index]:
             following = int(np.searchsorted(able, index))
             if following == able.size:
                 break
             index = int(able[following])
-            positions.skipped += int(heads[index]) - positions._position
+            chain.skipped += int(heads[index]) - chain.position
         final = int(last[np.searchsorted(last, index)])
         taken[index : final + 1] = continues[index : final + 1]
-        positions._position = int(ends[final] if continues[final] else heads[final])
-        index = max(
-            int(np.searchsorted(heads, positions._position)), final + 1 if not continues[final] else 0
-        )
-        positions._breaks += 1
+        chain.position = int(ends[final] if continues[final] else heads[final])
+        index = max(int(np.searchsorted(heads, chain.position)), final + 1 if not continues[final] else 0)
+        chain.breaks += 1
     return taken
 
 
