@@ -20,18 +20,10 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import PlotData, Trace
 from eivor.flights.result import FlightEstimate, FlightRow, LogEstimate
 from eivor.report import document as doc
+from eivor.report import flight as report
 from eivor.report import flight_figures
 from eivor.report.figure_panels import Axes, Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
-from eivor.report.flight import (
-    CardEntry,
-    card_entries,
-    log_documents,
-    reported_rows,
-    result_card,
-    row_quantities,
-    spans_of,
-)
 from eivor.report.frequency_responses import response_pictures
 from eivor.report.html import rendered, uplot, whole_page
 from eivor.report.json_document import FitDocument, fit_document, json_document, log_document, number, plain
@@ -167,7 +159,7 @@ def _forests(
 ) -> Iterator[Picture]:
     """Forest of each quantity of a motion's `rows`; below them that of the whole, if any. None of no rows."""
     motion = result.motion
-    by_label = [(row.label, {item.name: item for item in row_quantities(row, motion)}) for row in rows]
+    by_label = [(row.label, {item.name: item for item in report.row_quantities(row, motion)}) for row in rows]
     for name in (name for name in motion.quantities if rows and name in motion.quantities.rows):
         drawn = [flight_figures.quantity_interval(label, quantities[name]) for label, quantities in by_label]
         if name in whole:
@@ -257,7 +249,9 @@ def _chart(
         first, last = flight.span_s
         around = AROUND * (last - first)
         view = (max(over[0], first - around), min(over[1], last + around))
-    return Chart(f"flight-{number + 1}", unit, time_s, lines, over, view, spans_of(~flight.used, whole))
+    return Chart(
+        f"flight-{number + 1}", unit, time_s, lines, over, view, report.spans_of(~flight.used, whole)
+    )
 
 
 def _hatched(flight: PreparedFlight) -> str:
@@ -284,7 +278,7 @@ def flight_page(result: FlightEstimate | LogEstimate) -> str:
     """HTML page of a result, without anything to fetch."""
     whole = LogEstimate({result.motion.name: result}) if isinstance(result, FlightEstimate) else result
     results, first = tuple(whole.motions.values()), whole.first
-    documents, card = log_documents(whole, card=True), result_card(results)
+    documents, card = report.log_documents(whole, card=True), report.result_card(results)
     over_time = [list(_flights_over_time(item)) for item in results]
     pictures = (picture.drawn for groups in over_time for _, group in groups for picture in group)
     charts = [drawn for drawn in pictures if isinstance(drawn, Chart)]
@@ -311,7 +305,9 @@ def flight_page(result: FlightEstimate | LogEstimate) -> str:
         "status": card.look.value,
         "card": plain(card),
         "logs": [printable(log) for log in logs],
-        "readings": [_reading(entry) for entry in card_entries(results) if np.isfinite(entry.row.value)],
+        "readings": [
+            _reading(entry) for entry in report.card_entries(results) if np.isfinite(entry.row.value)
+        ],
     }
     tree = log_document(result) if isinstance(result, LogEstimate) else json_document(result)
     data = {"result": tree, "charts": figures.charts, "verdict": verdict}
@@ -329,7 +325,7 @@ def _motion(
     """Heading of a motion where there are several, its sections with their names, and its pictures."""
     prediction = result.multi_step_prediction
     of_fit = () if result.fit is None else flight_figures.fit_pictures(result, result.fit)
-    whole = {row.name: row for row in reported_rows(result)}
+    whole = {row.name: row for row in report.reported_rows(result)}
     groups: dict[str, list[Pictures]] = {
         "ahead": [("", () if prediction is None else _prediction_pictures(prediction))],
         "flights": [("", _forests(result, result.flights, whole))],
@@ -346,7 +342,7 @@ def _motion(
     return "" if alone else result.motion.words.title, sections, drawn
 
 
-def _reading(entry: CardEntry) -> dict[str, object]:
+def _reading(entry: report.CardEntry) -> dict[str, object]:
     """A quantity in its shown unit: as it is written, and as numbers to draw; null for no bound."""
     row = entry.row
     return {

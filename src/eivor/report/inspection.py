@@ -20,14 +20,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.compatibility import Calibration, comparisons, wind_table
 from eivor.report import document as doc
-from eivor.report.flight import (
-    card_section,
-    flight_steps,
-    logging_advice_for,
-    missing_channels,
-    result_card,
-    spans_of,
-)
+from eivor.report import flight as report
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Channel, Finding, MadeChannels, Recording
 from eivor.tools import capitalised
@@ -79,7 +72,7 @@ class Inspection:
 
     def active(self, flight: PreparedFlight) -> tuple[str, Stretches]:
         """What reported that the vehicle moved as the motion says, and when."""
-        return self.whole or (flight.active.rule, spans_of(flight.active.mask, flight.grid.time_s))
+        return self.whole or (flight.active.rule, report.spans_of(flight.active.mask, flight.grid.time_s))
 
     @property
     def calibration(self) -> tuple[str, ...]:
@@ -112,8 +105,8 @@ def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]
         result = identify_flight(recording, part, model=motion)
     except EivorError as error:
         obstacle = error
-    missing = missing_channels(recording, motion)
-    texts = (sentence for name in missing for sentence in logging_advice_for(recording, name))
+    missing = report.missing_channels(recording, motion)
+    texts = (sentence for name in missing for sentence in report.logging_advice_for(recording, name))
     channels = tuple(_summary(recording.channels[name]) for name in sorted(recording.channels))
     advice = tuple(dict.fromkeys(texts))
     return Inspection(result, obstacle, motion, recording, channels, missing, advice, whole, tried)
@@ -143,7 +136,11 @@ def inspection_json(inspection: Inspection) -> dict[str, Json]:
     log, flight, airborne = inspection.recording, inspection.flight, None
     if flight is not None:
         rule, active = inspection.active(flight)
-        airborne = {"rule": rule, "segments": active, "used": spans_of(flight.used, flight.grid.time_s)}
+        airborne = {
+            "rule": rule,
+            "segments": active,
+            "used": report.spans_of(flight.used, flight.grid.time_s),
+        }
     return document(
         "eivor.inspect/1",
         log={
@@ -187,7 +184,7 @@ LISTED = 6
 
 def inspection_document(result: Inspection) -> doc.Document:
     """What a log holds and would say, with the flight card, if there is one."""
-    card = () if result.result is None else card_section(flight_steps(result.result))
+    card = () if result.result is None else report.card_section(report.flight_steps(result.result))
     return _document(result, (*_sections(result), *card))
 
 
@@ -281,7 +278,7 @@ def _airborne(result: Inspection, flight: PreparedFlight) -> Iterator[str]:
     yield f"Known by {rule}."
     yield f"{capitalised(words.where)}: {_listed(active)}." if active else f"Never {words.where}."
     if active:
-        used = spans_of(flight.used, flight.grid.time_s)
+        used = report.spans_of(flight.used, flight.grid.time_s)
         kept = f"{flight.used_s:.1f} s in {_listed(used)}" if used else "nothing"
         yield f"Used, after the limits of {words.limited_by}: {kept}."
 
@@ -318,6 +315,6 @@ def _verdict_section(result: Inspection, of: str = "", *record: str) -> doc.Sect
     if result.result is None:
         statement = doc.Statement("nothing: it cannot begin", doc.Look.MISSING)
     else:
-        card = result_card((result.result,))
+        card = report.result_card((result.result,))
         statement = doc.Statement(card.title, card.look, f" (method {result.result.method})")
     return doc.Section(heading, (statement, doc.Bullets((*result.reasons, *record))))
