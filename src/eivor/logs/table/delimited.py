@@ -15,15 +15,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
-from eivor import checks
-from eivor.errors import (
-    ChannelMapError,
-    CorruptLogError,
-    EivorError,
-    EmptyLogError,
-    InputError,
-    UnknownFormatError,
-)
+from eivor import checks, errors
 from eivor.logs.common import Columns, element_of, noted
 from eivor.logs.mapping import known_unit
 from eivor.signals.noise import MeasurementNoise
@@ -109,7 +101,7 @@ def _chunks(
     missing = [column for column in wanted.values() if column not in available]
     if missing:
         expected = f"columns out of {', '.join(available)}"
-        raise ChannelMapError(expected, f"{', '.join(missing)}", "Name columns of the table.")
+        raise errors.ChannelMapError(expected, f"{', '.join(missing)}", "Name columns of the table.")
     first = 0
     while True:
         with polars_errors(partial(_unread_chunk, path)):
@@ -124,9 +116,11 @@ def _chunks(
         first += table.height
 
 
-def _unread_chunk(path: str | os.PathLike[str], error: BaseException) -> InputError:
+def _unread_chunk(path: str | os.PathLike[str], error: BaseException) -> errors.InputError:
     reason = f"{Path(path).name}: {error}"
-    return InputError("a Parquet file whose columns are numbers", reason, "Check the path and the file.")
+    return errors.InputError(
+        "a Parquet file whose columns are numbers", reason, "Check the path and the file."
+    )
 
 
 #: The process that has polars' threads: a fork of it waits for them for ever.
@@ -134,12 +128,12 @@ _POLARS_OF: dict[str, int] = {}
 
 
 @contextmanager
-def polars_errors(raised: Callable[[BaseException], EivorError]) -> Iterator[None]:
+def polars_errors(raised: Callable[[BaseException], errors.EivorError]) -> Iterator[None]:
     """Turn what polars raises for a file, its panics too, into one error; refuse in a forked process."""
     import polars as pl
 
     if _POLARS_OF.setdefault("process", os.getpid()) != os.getpid():
-        raise InputError(
+        raise errors.InputError(
             "a process in which polars can read tables",
             "one that was forked from a process that had read one, whose threads it has not",
             "Begin it by multiprocessing.get_context('spawn') or 'forkserver', or read tables there only.",
@@ -179,9 +173,9 @@ def table_columns(
     )
 
 
-def corrupt_table(name: str, reason: str, remedy: str) -> CorruptLogError:
+def corrupt_table(name: str, reason: str, remedy: str) -> errors.CorruptLogError:
     """Return the error for a table that cannot be read."""
-    return CorruptLogError("a readable table", f"'{name}', {reason}", remedy)
+    return errors.CorruptLogError("a readable table", f"'{name}', {reason}", remedy)
 
 
 MAX_LINE_BYTES = 1 << 20
@@ -295,7 +289,7 @@ class _Lines:
         except csv.Error as error:
             raise self.corrupt(f"cannot be split: {error}", "Correct it.") from error
 
-    def corrupt(self, what: str, remedy: str) -> CorruptLogError:
+    def corrupt(self, what: str, remedy: str) -> errors.CorruptLogError:
         return corrupt_table(self.name, f"whose line {self.number} {what}", remedy)
 
 
@@ -312,12 +306,12 @@ def _layout(lines: _Lines) -> _Layout:
     if names and all(map(_is_number, names)):
         expected = "a table whose first line holds the names of the columns"
         received = f"'{lines.name}', whose first line holds numbers only"
-        raise UnknownFormatError(expected, received, "Put a line of column names on top.")
+        raise errors.UnknownFormatError(expected, received, "Put a line of column names on top.")
     units = _units_row(lines, names)
     layout = _check_rows(lines, _Layout(tuple(names), lines.delimiter, lines.number, units))
     if layout.rows == 0:
         remedy = "Check that logging was on during the flight."
-        raise EmptyLogError("a table with rows", f"'{lines.name}' with a header only", remedy)
+        raise errors.EmptyLogError("a table with rows", f"'{lines.name}' with a header only", remedy)
     return layout
 
 
