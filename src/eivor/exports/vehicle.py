@@ -125,8 +125,6 @@ BESIDE = (*INERTIAS, "torque_ratio", "largest_command", "speed_scale")
 MAY_BE_ZERO = ("viscous_friction", "actuator_lag", "delay", "torque_ratio")
 #: Simulators divide by the lag, and fly off with a drag below zero.
 LEAST = {"actuator_lag": 1e-3} | dict.fromkeys((*DRAGS, *TORQUES, *QUADRATIC, *BEYOND), 0.0)
-#: What is given is drawn from a stream of its own, so that it leaves the flight's draws alone.
-GIVEN_STREAM = 2
 #: Least value of a draw of what is given, as a share of it.
 LEAST_SHARE = 0.01
 
@@ -277,7 +275,7 @@ def _columns(
         given_values = {name: item.value for name, item in given.items()}
         return {name: np.array([value]) for name, value in (joint | given_values).items()}
     count = next(iter(draws.values())).size
-    rng = np.random.default_rng([seed, GIVEN_STREAM])
+    rng = np.random.default_rng([seed, 2])  # a stream of its own, which leaves the flight's draws alone
     columns = {name: np.full(count, part.number.value) for name, part in parts.items()}
     for name, entry in given.items():
         drawn = entry.value + _std(entry) * rng.standard_normal(count)

@@ -143,8 +143,6 @@ class LogList:
 
 #: Ends of the names of lists, and the column of paths in a list that is a table.
 LINES, GIVEN_LIST_TABLE, PATH_COLUMN = ".txt", ".csv", "path"
-#: More bytes than a line of column names has.
-HEADER_BYTES = 1 << 16
 
 
 def listed(path: Path) -> Generator[Log, None, None]:
@@ -175,7 +173,7 @@ def _delimiter(path: Path) -> str:
     if path.suffix.lower() != GIVEN_LIST_TABLE:
         return ""
     with path.open("rb") as stream:
-        line = stream.readline(HEADER_BYTES)
+        line = stream.readline(1 << 16)  # more than one of column names has
     try:
         header = line.decode("utf-8-sig")
         delimiter = max(DELIMITERS, key=header.count)
@@ -230,10 +228,6 @@ def files_below(folder: Path, note: Callable[[OSError], None]) -> Generator[tupl
             note(error)
 
 
-#: Folders whose parts are known at a time: files come folder after folder.
-FOLDERS = 64
-
-
 @dataclass(frozen=True, slots=True)
 class LogsFound:
     """Logs among files."""
@@ -286,7 +280,7 @@ def _globbed(pattern: str) -> Generator[tuple[str, str], None, None]:
 
 
 def _among(generator: Generator[tuple[str, str], None, None]) -> LogsFound:
-    others, parts = 0, lru_cache(maxsize=FOLDERS)(_parts_of_folder)
+    others, parts = 0, lru_cache(maxsize=64)(_parts_of_folder)  # files come folder after folder
 
     def logs() -> Generator[Log, None, None]:
         nonlocal others

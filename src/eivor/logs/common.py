@@ -251,15 +251,11 @@ def _attitude_doubts(values: _Values) -> Iterator[str]:
         yield f"Typical values of {', '.join(fast)} are above 10 rad/s; are they in deg/s?"
 
 
-#: No rotorcraft climbs or falls faster [m/s].
-FASTEST_CLIMB = 40.0
-
-
 def _velocity_doubts(channels: Mapping[str, Channel]) -> Iterator[str]:
     """Doubt a vertical velocity that is not the slope of the position, in size and in sign."""
     position, velocity = channels.get("position_z"), channels.get("velocity_z")
     fastest = 0.0 if velocity is None else float(np.nanmax(np.abs(velocity.values), initial=0.0))
-    if fastest > FASTEST_CLIMB:
+    if fastest > 40.0:  # no rotorcraft climbs or falls faster
         yield f"velocity_z reaches {fastest:.3g} m/s: its estimator has diverged, or its unit is another."
         return
     if position is None or velocity is None or not np.array_equal(position.time_s, velocity.time_s):

@@ -258,9 +258,7 @@ def _hatched(flight: PreparedFlight) -> str:
     return "" if flight.used.all() else " Hatched: left out of the estimate."
 
 
-#: Titles are cut to so many letters; provenance has the names as they are.
-LONGEST_TITLE = 120
-#: So many names of logs are in a title.
+#: So many names of logs are in a title; provenance has all of them as they are.
 NAMED = 3
 #: Headings of the document in fewer words, for the list of what is on the page.
 SHORT = {
@@ -290,7 +288,7 @@ def flight_page(result: FlightEstimate | LogEstimate) -> str:
     provenance, options = _provenance(fit_document(first))
     logs = [flight.recording.name for flight in first.prepared]
     title = ", ".join(logs[:NAMED])
-    title = doc.shortened(title if len(logs) <= NAMED else f"{len(logs)} flights: {title}, …", LONGEST_TITLE)
+    title = doc.shortened(title if len(logs) <= NAMED else f"{len(logs)} flights: {title}, …", 120)
     body = rendered(
         "flight.html",
         title=title,

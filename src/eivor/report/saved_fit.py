@@ -449,10 +449,6 @@ def _number(value: float | None, missing: float) -> float:
     return missing if value is None else value
 
 
-#: The mass is drawn from a stream of its own, so that it leaves the other draws alone.
-MASS_STREAM = 1
-
-
 def draws_table(
     fit: SavedFit, n: int, seed: int = 0, mass: KnownNumber | None = None, accept: str = "identified"
 ) -> pl.DataFrame:
@@ -473,6 +469,6 @@ def draws_table(
         if name in selected and name not in columns and value is not None:
             columns[name] = np.full(n, float(value))
     if mass is not None:
-        random = np.random.default_rng([seed, MASS_STREAM])
+        random = np.random.default_rng([seed, 1])  # a stream of its own, which leaves the other draws alone
         columns["mass"] = np.maximum(mass.value + mass.std * random.standard_normal(n), 0.0)
     return pl.DataFrame(columns)

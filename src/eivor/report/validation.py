@@ -245,7 +245,7 @@ class Validation:
         else:
             placed = prediction_page(tuple(panels))
         figure = plots.drawn(panels, placed)
-        sentence = textwrap.fill(self.sentence, TITLE_LETTERS)
+        sentence = textwrap.fill(self.sentence, 120)
         title = f"{doc.shortened(printable(self.flight.recording.name))}\n{sentence}"
         figure.suptitle(title, fontsize=11, parse_math=False)
         return figure
@@ -464,7 +464,6 @@ def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> doc.TableO
 
 
 VALIDATION_COLOURS = (plots.RED, plots.BLUE, plots.GREY, "#8a6d3b")
-TITLE_LETTERS = 120
 
 
 def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:

@@ -181,7 +181,6 @@ def corrupt_table(name: str, reason: str, remedy: str) -> errors.CorruptLogError
 MAX_LINE_BYTES = 1 << 20
 #: What is looked at at once [bytes], and most blank lines.
 BLOCK_BYTES, MAX_BLANK = 1 << 19, 1_000_000
-_LINE_BREAK = ord("\n")
 #: A cell that is a list, and what stands in it.
 _INSIDE = re.compile(r"^\s*(?:array\((?:'\w', *)?)?[\[(]([^\[\]()]*)[\])]+\s*$")
 _LIST = re.compile(r"(?s)\s*(?:array)?[\[(].*[\])]\s*")
@@ -256,7 +255,7 @@ class _Lines:
             block = self.stream.read(BLOCK_BYTES)
             block = block[: block.rfind(b"\n") + 1]
             letters = np.frombuffer(block, np.uint8)
-            ends = np.flatnonzero(letters == _LINE_BREAK)
+            ends = np.flatnonzero(letters == ord("\n"))
             marks = np.searchsorted(np.flatnonzero(letters == ord(self.delimiter)), ends)
             if not block or b'"' in block or b"\0" in block or np.any(np.diff(marks, prepend=0) != width - 1):
                 self.stream.seek(begin)
