@@ -24,7 +24,6 @@ from eivor.logs.common import KeptChannels
 from eivor.logs.crazyflie import SOURCES, TO_LOG
 from eivor.logs.dataflash import channels, messages, sources
 from eivor.logs.dataflash.messages import Messages, find_offsets, read_layouts
-from eivor.logs.rosbag import topics
 from eivor.logs.rosbag.messages import decoded, message_layout, parsed_types
 from eivor.logs.table.columnar import write_recording
 from eivor.logs.ulog.channels import ulog_origin
@@ -379,7 +378,7 @@ def test_definitions_with_fields_of_another_kind(tmp_path, monkeypatch, kind, ho
         return fields, *cache[key][1:]
 
     cache, wanted = {}, []
-    monkeypatch.setattr(topics, "decoded", changed)
+    monkeypatch.setattr("eivor.logs.rosbag.messages.decoded", changed)
     whole = ev.read_log(bag)
     assert len(known) > 50
     of_topics = [
