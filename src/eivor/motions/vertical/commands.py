@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 
 import numpy as np
 import scipy
@@ -33,10 +33,15 @@ from eivor.tools import Float
 
 # -- Limit of commands --
 
-#: Rates and levels that are tried; and lags [s] whose responses together stand for any linear actuator.
-RATES, LEVELS, LAGS_S = 16, 12, (0.0, 0.008, 0.016, 0.03, 0.06, 0.12, 0.25)
+#: Rates and levels that are tried, and limits around the best.
+RATES, LEVELS, CLOSER = 12, 8, 7
+#: Lags and delays [s] that together are any linear actuator: jumps behind delays pass for limits.
+LAGS_S = (0.0, 0.008, 0.016, 0.03, 0.06, 0.12, 0.25)
+DELAYS_S, DELAYED = (0.01, 0.02, 0.03, 0.045), (0, 2)
 #: A limit is there when it makes twice the log likelihood so much larger, without the blocks that gain most.
 LEAST_GAIN, OUTLYING = 20.0, 0.1
+#: The largest jump takes so many logged steps at a limit: what is quicker may be what the log lacks.
+JUMP_STEPS = 3
 #: Samples of a flight that are read, and memory of its residual's autoregression and blocks of it [s].
 MOST_SAMPLES, MEMORY_S, BLOCK_S = 50_000, 0.3, 1.0
 
@@ -62,28 +67,30 @@ def _gains(
     step_s = flight.signals.step_s
     tilt, block = flight.signals.channel("cos_tilt"), max(round(BLOCK_S / step_s), 1)
     response = flight.velocity_derivative if flight.acceleration is None else flight.acceleration
+    delays = [np.maximum(np.arange(tilt.size) - round(delay_s / step_s), 0) for delay_s in DELAYS_S]
 
-    def columns(commands: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "rows c"]:
-        """Acceleration; then velocity, thrust behind every lag, and powers of thrust for other maps."""
+    def rows(commands: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "c rows"]:
+        """Acceleration; then velocity, thrust behind lags and delays, and its powers for other maps."""
         states = [flight.state_of(commands, lag_s=lag_s, delay_s=0.0) for lag_s in LAGS_S]
         thrusts = [motion.input_map(state).mean(axis=1) * tilt for state in states]
         middle = thrusts[len(LAGS_S) // 2]
+        thrusts += [thrusts[j][earlier] for earlier in delays for j in DELAYED]
         away = middle / (middle[run].mean() or 1.0) - 1.0
-        results = np.column_stack((response, flight.velocity, *thrusts, away**2, away**3))[run]
-        return results - results.mean(axis=0)
+        results = np.stack((response, flight.velocity, *thrusts, away**2, away**3))[:, run]
+        return results - results.mean(axis=1, keepdims=True)
 
-    logged = columns(flight.signals.family(flight.input))
+    logged = rows(flight.signals.family(flight.input))
     whitening = _whitening(_residual(logged), max(int(MEMORY_S / step_s), 1))
+    length = 1 << (logged.shape[1] + whitening.size).bit_length()
+    transfer = np.fft.rfft(whitening, length)
 
-    def squares(of: Float[np.ndarray, "n c"]) -> Float[np.ndarray, " blocks"]:
-        white = np.stack([np.convolve(column, whitening, mode="valid") for column in of.T], axis=1)
-        usual = white.shape[0] // block * block
+    def squares(of: Float[np.ndarray, "c n"]) -> Float[np.ndarray, " blocks"]:
+        white = np.fft.irfft(np.fft.rfft(of, length) * transfer, length)[:, whitening.size - 1 : of.shape[1]]
+        usual = white.shape[1] // block * block
         return np.asarray((_residual(white)[:usual].reshape(-1, block) ** 2).sum(axis=1))
 
     unlimited = squares(logged)
-    gains = [
-        unlimited - squares(columns(commands)) for commands in np.moveaxis(prepared.acting(limits), 2, 0)
-    ]
+    gains = [unlimited - squares(rows(commands)) for commands in np.moveaxis(prepared.acting(limits), 2, 0)]
     return np.stack(gains, axis=1) / (unlimited.mean() / block)
 
 
@@ -95,10 +102,10 @@ def _whitening(residual: Float[np.ndarray, " n"], order: int) -> Float[np.ndarra
     return np.append(1.0, -scipy.linalg.solve_toeplitz(correlation[:-1], correlation[1:]))
 
 
-def _residual(columns: Float[np.ndarray, "n c"]) -> Float[np.ndarray, " n"]:
-    """What the others leave of the first column."""
-    Q = np.linalg.qr(columns[:, 1:])[0]
-    return columns[:, 0] - Q @ (Q.T @ columns[:, 0])
+def _residual(rows: Float[np.ndarray, "c n"]) -> Float[np.ndarray, " n"]:
+    """What the others leave of the first row."""
+    R = np.asarray(np.linalg.qr(np.roll(rows, -1, axis=0).T, mode="r"))
+    return np.asarray(rows[0] - np.linalg.lstsq(R[:, :-1], R[:, -1])[0] @ rows[1:])
 
 
 def command_limit(problem: VerticalFlights) -> CommandLimit | None:
@@ -110,41 +117,50 @@ def command_limit(problem: VerticalFlights) -> CommandLimit | None:
     prepared = [_longest_run(flight) for flight in flights if flight is not None and flight.issued]
     if len(prepared) < len(problem.flights):
         return None
+    pairs = list(zip(problem.flights, prepared, strict=True))
+
+    def gains_of(limits: list[CommandLimit]) -> Float[np.ndarray, "blocks k"]:
+        return np.concatenate([_gains(flight, problem.motion, of, limits) for flight, of in pairs])
+
     rates, levels = _rates(prepared), _levels(prepared)
     if not (rates or levels):
         return None
-    pairs = zip(problem.flights, prepared, strict=True)
-    gains = np.concatenate([_gains(flight, problem.motion, of, [*rates, *levels]) for flight, of in pairs])
+    gains = gains_of([*rates, *levels])
     kinds = (gains[:, : len(rates)], rates), (gains[:, len(rates) :], levels)
-    gain, limit = max((_best(*kind) for kind in kinds if kind[1]), key=lambda item: item[0])
-    return limit if gain >= LEAST_GAIN else None
+    gain, limit, ratio = max((_best(*kind) for kind in kinds if kind[1]), key=itemgetter(0))
+    if gain < LEAST_GAIN:
+        return None
+    values = limit.value * np.geomspace(1.0 / ratio, ratio, CLOSER)
+    closer = [CommandLimit(limit.kind, float(value)) for value in values]
+    return _best(gains_of(closer), closer)[1]
 
 
-def _best(gains: Float[np.ndarray, "blocks k"], limits: list[CommandLimit]) -> tuple[float, CommandLimit]:
-    """What the best of some limits of one kind gains, and that limit between its neighbours."""
-    total = gains.sum(axis=0)
-    best = int(total.argmax())
+def _best(
+    gains: Float[np.ndarray, "blocks k"], limits: list[CommandLimit]
+) -> tuple[float, CommandLimit, float]:
+    """What the best of some limits of one kind gains, that limit between its neighbours, and their ratio."""
+    total, (kind, first) = gains.sum(axis=0), limits[0]
+    best, ratio = int(total.argmax()), limits[1].value / first
     most = np.sort(gains[:, best])[: math.floor((1.0 - OUTLYING) * len(gains))]
     # the vertex of a parabola through the best and its neighbours
     low, middle, high = total[np.clip([best - 1, best, best + 1], 0, len(limits) - 1)]
     bend = low - 2.0 * middle + high
     away = 0.5 * (low - high) / bend if 0 < best < len(limits) - 1 and bend < 0.0 else 0.0
-    kind, value = limits[best]
-    return float(most.sum()), CommandLimit(kind, float(value * (limits[1].value / limits[0].value) ** away))
+    return float(most.sum()), CommandLimit(kind, float(first * ratio ** (best + away))), ratio
 
 
 def _rates(flights: Sequence[PreparedFlight]) -> list[CommandLimit]:
-    """Rates of commands from half of the rms on the grid to the largest few; none where commands rest."""
+    """Rates of commands from half of the rms on the grid to what jumps show; none where commands rest."""
     rates, means = [], []
     for flight in flights:
         for command in flight.issued:
             step = np.diff(command.time_s)
-            rates.append(np.abs(np.diff(command.values)[step > 0.0]) / step[step > 0.0])
+            rates.append(np.abs(np.diff(command.values)) / np.median(step[step > 0.0]))
             gridded = flight.signals.channel(command.name)
             means.append(np.mean(np.gradient(gridded, flight.signals.step_s)[flight.used] ** 2))
     every = np.concatenate(rates)
     every = every[np.isfinite(every) & (every > 0.0)]
-    low, high = 0.5 * float(np.sqrt(np.mean(means))), float(np.quantile(every, 0.99)) if every.size else 0.0
+    low, high = 0.5 * float(np.sqrt(np.mean(means))), float(every.max()) / JUMP_STEPS if every.size else 0.0
     return [CommandLimit(RATE, x) for x in np.geomspace(low, high, RATES)] if 0.0 < low < high else []
 
 
