@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.errors import UsageError
-from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments, one_line
+from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments
 from eivor.inference.verdict import Status
 from eivor.motions.vertical import model as vertical
 from eivor.signals.channels import CurveSide
@@ -29,9 +29,9 @@ class Autopilot:
 
 
 def _written(
-    autopilot: Autopilot, write: Callable[[Iterable[str], Mapping[str, float], Mapping[str, str]], str]
+    autopilot: Autopilot, write: Callable[[Iterable[str], Mapping[str, float]], str]
 ) -> Callable[[Fitted, Supplied], Exported]:
-    """Export of the parameters of an autopilot that a result holds, old and new in a comment of each."""
+    """Export of the parameters of an autopilot that a result holds, old and new in comments above them."""
 
     def export(fitted: Fitted, supplied: Supplied) -> Exported:
         supplied.check_only((), autopilot.name.lower(), body=False)
@@ -40,9 +40,9 @@ def _written(
         numbers, reasons = _proposed(fitted, autopilot)
         missing = tuple(f"{name} is not written: {reason}" for name, reason in reasons.items())
         old = {name: f"{fitted.logged[name]:.6g} -> " for name in numbers if name in fitted.logged}
-        words = {name: f"{old.get(name, '')}{number.words}" for name, number in numbers.items()}
+        lines = [f"{name}: {old.get(name, '')}{number.words}" for name, number in numbers.items()]
         values = {name: number.value for name, number in numbers.items()}
-        return Exported(write((*fitted.origin(), *missing), values, words), missing)
+        return Exported(write((*fitted.origin(), *lines, *missing), values), missing)
 
     return export
 
@@ -130,11 +130,10 @@ REAL32, VEHICLE, COMPONENT = 9, 1, 1
 HEADER = "# Vehicle-Id Component-Id Name Value Type"
 
 
-def qgroundcontrol(comments: Iterable[str], values: Mapping[str, float], words: Mapping[str, str]) -> str:
-    """File of QGroundControl with 32-bit floats; its rows have five columns, so that words are above."""
+def qgroundcontrol(comments: Iterable[str], values: Mapping[str, float]) -> str:
+    """File of QGroundControl with parameters that are 32-bit floats."""
     rows = (f"{VEHICLE}\t{COMPONENT}\t{name}\t{single(value)}\t{REAL32}" for name, value in values.items())
-    above = hash_comments((*comments, *map(": ".join, words.items())))
-    return "\n".join([*above, "#", HEADER, *rows]) + "\n"
+    return "\n".join([*hash_comments(comments), "#", HEADER, *rows]) + "\n"
 
 
 def single(value: float) -> str:
@@ -151,10 +150,9 @@ ARDUPILOT = Autopilot(
 )
 
 
-def mission_planner(comments: Iterable[str], values: Mapping[str, float], words: Mapping[str, str]) -> str:
-    """File of ArduPilot; Methodic Configurator takes words behind a value as the reason of its change."""
-    ends = {name: f"  # {one_line(text)}" for name, text in words.items()}
-    rows = (f"{name},{single(value)}{ends.get(name, '')}" for name, value in values.items())
+def mission_planner(comments: Iterable[str], values: Mapping[str, float]) -> str:
+    """File of ArduPilot; comments have lines of their own, since older readers split lines at blanks."""
+    rows = (f"{name},{single(value)}" for name, value in values.items())
     return "\n".join([*hash_comments(comments), *rows]) + "\n"
 
 

@@ -154,8 +154,9 @@ def _rates(flights: Sequence[PreparedFlight]) -> list[CommandLimit]:
     rates, means = [], []
     for flight in flights:
         for command in flight.issued:
-            step = np.diff(command.time_s)
-            rates.append(np.abs(np.diff(command.values)) / np.median(step[step > 0.0]))
+            steps = np.diff(command.time_s)
+            step_s = np.median(steps[steps > 0.0]) if steps.any() else np.inf
+            rates.append(np.abs(np.diff(command.values)) / step_s)
             gridded = flight.signals.channel(command.name)
             means.append(np.mean(np.gradient(gridded, flight.signals.step_s)[flight.used] ** 2))
     every = np.concatenate(rates)
