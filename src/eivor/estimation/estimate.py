@@ -195,7 +195,7 @@ class Estimate:
         if self.constant.any():
             return float("nan"), float("nan")
         moments, variance = self._basis.T @ self.equation.residual, self.equation.variance
-        J = float(moments @ moments) / variance * self._independent if variance > 0.0 else 0.0
+        J = float(moments @ moments) / variance * self.rows.layout.independent if variance > 0.0 else 0.0
         J += sum(self.misfits)
         return J, chi_square_tail(J, self.degrees) if self.degrees > 0 else 1.0
 
@@ -217,12 +217,7 @@ class Estimate:
         strengths = conditional_first_stage(basis, jacobian, len(known), effective=spectra)
         for part, whole in indices:
             strengths[part] = strengths[whole]
-        return strengths * self._independent
-
-    @property
-    def _independent(self) -> float:
-        """Share of independent rows."""
-        return self.rows.layout.independent
+        return strengths * self.rows.layout.independent
 
     @property
     def degrees(self) -> float:

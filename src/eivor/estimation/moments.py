@@ -270,8 +270,7 @@ class CrossMoments:
         """Sums of both; count-weighted means of the noises' covariances."""
         if not isinstance(other, CrossMoments) or self.equations.shape != other.equations.shape:
             raise _unlike(self, other)
-        both = self.products.total + other.products.total
-        return CrossMoments(both.total, _mean_noise(self, other))
+        return CrossMoments((self.products.total + other.products.total).total, _mean_noise(self, other))
 
 
 #: Summary of some rows.

@@ -207,8 +207,7 @@ class CombinedProblem(SeparableProblem):
 
     def bins(self, nuisances: Values) -> SpectralRegression:
         bins = self.problem.bins(nuisances)
-        combined = (responses(bins) * self.weights).sum(axis=1, keepdims=True)
-        return replace(bins, responses=combined)
+        return replace(bins, responses=(responses(bins) * self.weights).sum(axis=1, keepdims=True))
 
 
 @dataclass(frozen=True)

@@ -223,8 +223,7 @@ def fitted_noises(
     fit = _Fit(pairs, residual, prior.centre)
     vector, fitted = fit.vector(model), prior.fitted
     errors = np.zeros(6)
-    root = _information_root(fit, vector, fitted)
-    errors[fitted] = np.linalg.norm(np.linalg.inv(root), axis=0)
+    errors[fitted] = np.linalg.norm(np.linalg.inv(_information_root(fit, vector, fitted)), axis=0)
     strengths, orders = np.sqrt(model.variances), model.orders
     by_strength, by_order = 0.5 * strengths * errors[:3], _order_slopes(orders) * errors[3:]
     starts = zip(WHAT, strengths, by_strength, orders, by_order, strict=True)

@@ -149,8 +149,7 @@ class SpectralSolution:
         return left
 
     def stepped(self) -> sampling.SampledMotion:
-        step = -np.linalg.solve(self.sensitivity, self.scores())
-        return moved_by(self.motion, step[: self.parameters])
+        return moved_by(self.motion, -np.linalg.solve(self.sensitivity, self.scores())[: self.parameters])
 
     @cached_property
     def _derivatives(self) -> tuple[Complex[np.ndarray, "k 2 bins"], Complex[np.ndarray, "p 2 bins"]]:

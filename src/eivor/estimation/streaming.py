@@ -175,8 +175,7 @@ def identify_chunks(
             remedy = "Give a function that starts the same chunks anew each time it is called."
             raise UsageError(expected, f"{size} in a later one", remedy)
 
-    equation = estimating_equation(estimate, blocks)
-    return replace(estimate, streamed_covariance=covariance.joint(equation))
+    return replace(estimate, streamed_covariance=covariance.joint(estimating_equation(estimate, blocks)))
 
 
 #: Memory [samples] when none is chosen: a factor of 0.995.
@@ -385,8 +384,7 @@ class ExponentiallyWeightedProducts:
 
     def _block_factors(self, blocks: int) -> Float[np.ndarray, " blocks"]:
         """Weights of successive full blocks at the end of the last."""
-        ages = np.arange(blocks - 1, -1, -1.0)
-        return self.forgetting.factor ** (self.forgetting.block * ages)
+        return self.forgetting.factor ** (self.forgetting.block * np.arange(blocks - 1, -1, -1.0))
 
     @cached_property
     def _waiting_sums(self) -> WeightedBlockSums:

@@ -104,8 +104,7 @@ def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) ->
     scale = column_scale(A)
     singular, V = np.linalg.svd(A * scale, full_matrices=False)[1:]
     kept = singular > 1e-8 * singular[0]
-    standard_errors = scale / unit_scale(((V[kept] / singular[kept, None]) ** 2).sum(axis=0))
-    frame = RegionFrame(pivot, standard_errors)
+    frame = RegionFrame(pivot, scale / unit_scale(((V[kept] / singular[kept, None]) ** 2).sum(axis=0)))
     whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
     critical = hotelling_quantile(level, p, float(averages))
     change = _to_frame(frame)

@@ -359,9 +359,8 @@ def _document(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> di
 def _method(method_score: MethodScore) -> dict[str, object]:
     parameters = {}
     for score in method_score.parameters:
-        held: dict[str, object] | None = None
-        if (share := score.coverage) is not None:
-            held = {"share": share.value, "bounds": share.interval, "count": share.count}
+        share = score.coverage
+        held = share and {"share": share.value, "bounds": share.interval, "count": share.count}
         parameters[score.name] = {
             **asdict(score.estimate),
             "bias": score.bias,

@@ -198,8 +198,7 @@ def paper_figures(results: Sequence[paper.PaperResult]) -> Iterator[tuple[str, F
 
 def signal_figure(reading: paper.PaperReading, example: paper.Example) -> Figure:
     """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2."""
-    exact = replace(reading, motion="solution")
-    truth = paper.record(exact, example, stream(paper.SEED, 0)).truth
+    truth = paper.record(replace(reading, motion="solution"), example, stream(paper.SEED, 0)).truth
     drive, velocity = truth.channels["input"], truth.channels["velocity_z"]
     height = paper.integrated_height(velocity, drive, intersample=reading.intersample)
     signals = Signals(truth.rate_hz, {"input": drive, "position_z": height})

@@ -78,8 +78,7 @@ def actuators(values: Values) -> dict[str, float]:
 def measured_state() -> tuple[Nuisance, Nuisance]:
     """Nuisances of actuators whose state was measured: no lag, and a delay of either sign."""
     lag, delay = lag_and_delay()
-    late_or_early = replace(delay, grid=TELEMETRY_DELAYS_S, tolerance=1e-9)
-    return lag.known_at(0.0), late_or_early
+    return lag.known_at(0.0), replace(delay, grid=TELEMETRY_DELAYS_S, tolerance=1e-9)
 
 
 #: What measurement noises add to the products of rows in time: of [Phi y], and of Psi with [Phi y].
@@ -332,8 +331,7 @@ class LaggedRuns(SeparableProblem):
         warm_start: WarmStart | None = None,
     ) -> LaggedRuns:
         """The same runs, their moving columns combined by a matrix; no spectrum is made twice."""
-        fixed = self.parameters[: self.columns[0].fixed.shape[1]]
-        parameters = (*fixed, *moving)
+        parameters = (*self.parameters[: self.still], *moving)
         result = replace(self, columns=columns, parameters=parameters, noisier=noisier, warm_start=warm_start)
         parts = [
             combination[np.ix_(self._positions(before), result._positions(after))]

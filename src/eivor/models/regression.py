@@ -452,8 +452,7 @@ def regression(
 
 
 def _column_names(table: object) -> tuple[str, ...]:
-    names = getattr(table, "columns", None)
-    name = getattr(table, "name", None)
+    names, name = (getattr(table, of, None) for of in ("columns", "name"))
     if names is None:
         return (name,) if isinstance(name, str) and name else ()
     return tuple(str(item) for item in names)

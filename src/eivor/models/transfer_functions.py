@@ -367,8 +367,7 @@ class TransferFunctions:
     @property
     def allowed(self) -> tuple[TransferFunction, ...]:
         """Models within 4 of the least AICc."""
-        best = self.chosen.aicc
-        return tuple(model for model in self.by_order.values() if model.aicc - best <= UNION)
+        return tuple(item for item in self.by_order.values() if item.aicc - self.chosen.aicc <= UNION)
 
     @cached_property
     def intervals(self) -> Mapping[str, tuple[float, float]]:
