@@ -373,7 +373,7 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         remarks.append(f"MPC_THR_HOVER is not written: {beyond}")
     else:
         values["MPC_THR_HOVER"] = hover
-    return Exported(qgroundcontrol((*made.comments, *remarks), values, {}), made.omitted, made.lost)
+    return Exported(qgroundcontrol((*made.comments, *remarks), values), made.omitted, made.lost)
 
 
 #: Tilt at which the reference speed is computed [rad], and the fastest that is searched [m/s].
@@ -475,7 +475,7 @@ def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
         "SIM_VIB_MOT_MAX is the rotors' largest speed [Hz], for simulated telemetry and vibration."
     ]
     values = {name: value for name, value in rows.items() if not missing.get(name)}
-    text = mission_planner((*made.comments, *remarks), values, {})
+    text = mission_planner((*made.comments, *remarks), values)
     return Exported(text, made.omitted, made.lost)
 
 
