@@ -1,7 +1,7 @@
 """`eivor identify` on a ULog against pyulog reading all of it, as whole processes.
 
-Target: at most three times pyulog's time. The imports of the libraries that `identify` calls are timed beside:
-no command of one process can be quicker.
+Target: at most three times pyulog's time. The imports of the libraries that `identify` calls are timed as
+well: no command of one process can be quicker.
 """
 
 from __future__ import annotations

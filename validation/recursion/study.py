@@ -37,7 +37,8 @@ def changed_record(
     u, velocity = true["input"], true["velocity_z"].copy()
     for k in range(max(sample, 1), u.size):
         now = after if k > sample else before  # what held over the step to sample k
-        velocity[k] = now.vehicle.decay * velocity[k - 1] + now.input_gain * now.vehicle.held * u[k - 1]
+        decay, held, _ = now.of_step
+        velocity[k] = decay * velocity[k - 1] + now.input_gain * held * u[k - 1]
     friction = np.full(u.size, before.viscous_friction)
     gain = np.full(u.size, before.input_gain)
     friction[sample:], gain[sample:] = after.viscous_friction, after.input_gain
