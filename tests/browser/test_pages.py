@@ -234,15 +234,10 @@ def test_it_saves_its_numbers(opened, pages, fit, tmp_path):
     ("kind", "scheme", "rules"),
     [("pool", "light", "{}"), ("refused", "dark", "{runOnly: ['color-contrast']}")],
 )
-def test_nothing_serious_stands_in_anybodys_way(opened, pages, kind, scheme, rules):
+def test_nothing_stands_in_anybodys_way(opened, pages, kind, scheme, rules):
     axe = resources.files(pytest.importorskip("axe_playwright_python")).joinpath("axe.min.js")
     page = opened(pages[kind], scheme=scheme)
     page.evaluate(UNFOLD)
     page.evaluate(axe.read_text(encoding="utf-8"))
     evaluate = page.evaluate(f"axe.run(document, {rules}).then((done) => done.violations)")
-    selected = [
-        (item["id"], item["nodes"][0]["html"])
-        for item in evaluate
-        if item["impact"] in {"serious", "critical"}
-    ]
-    assert selected == []
+    assert [(item["id"], item["nodes"][0]["html"]) for item in evaluate] == []
