@@ -41,7 +41,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_991, "lines of tests": 35_687}
+PROJECT_BOUNDS = {"lines of `validation/`": 8_991, "lines of tests": 35_682}
 
 
 def lint_imports(source):
