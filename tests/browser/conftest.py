@@ -46,7 +46,7 @@ def watched(chromium):
     """Open a window at an address; what it asks for and says is kept beside it."""
     contexts = []
 
-    def opening(address, *, width=1440, scheme="light", offline=False):
+    def opening(address, *, width=1280, scheme="light", offline=False):
         context = chromium.new_context(
             offline=offline, viewport={"width": width, "height": 900}, color_scheme=scheme
         )

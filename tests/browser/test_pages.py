@@ -124,10 +124,10 @@ def pages(fit):
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_is_legible_and_asks_for_nothing(opened, pages, kind):
-    page = opened(pages[kind], width=360)
+    page = opened(pages[kind], width=390)
     assert page.evaluate(LOOKS) == []
     page.evaluate(UNFOLD)
-    for width in (360, 768, 1440):
+    for width in (360, 390, 768, 1280):
         page.set_viewport_size({"width": width, "height": 900})
         page.wait_for_timeout(100)
         assert page.evaluate(LOOKS) == [], width

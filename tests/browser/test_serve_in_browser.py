@@ -74,7 +74,7 @@ def done(page, count=1):
 
 
 def looks_right(page):
-    for width in (360, 768, 1440):
+    for width in (360, 390, 768, 1280):
         page.set_viewport_size({"width": width, "height": 900})
         page.wait_for_timeout(100)
         assert page.evaluate(LOOKS) == [], width
@@ -99,7 +99,7 @@ def nothing_went_wrong(page, server):
 
 
 def test_a_log_is_dropped_and_its_verdict_comes_back(served, server, log, result, tmp_path):
-    page = served(width=360)
+    page = served(width=390)
     page.reload()
     looks_right(page)
     drop(page, (log.name, log.read_bytes()))
