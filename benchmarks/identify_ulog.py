@@ -1,4 +1,4 @@
-"""`eivor identify` on a ULog against pyulog reading all of it, as whole processes.
+"""`eivor identify --model vertical` on a ULog against pyulog reading all of it, as whole processes.
 
 Target: at most three times pyulog's time. The imports of the libraries that `identify` calls are timed as
 well: no command of one process can be quicker.
@@ -24,7 +24,7 @@ def measure(log: Path, repeats: int) -> str:
         {
             "pyulog": (sys.executable, "-c", READ, str(log)),
             "imports": (sys.executable, "-c", IMPORTS),
-            "eivor": (*EIVOR, "identify", str(log)),
+            "eivor": (*EIVOR, "identify", str(log), "--model", "vertical"),
         },
         repeats,
         allowed=(0, 3),
