@@ -64,7 +64,7 @@ def residual_files(result: FlightEstimate) -> dict[str, str | bytes]:
     areas = {topic: [_area(table, topic, names) for names in PLOTTED] for topic in topics}
     layout = rendered("plotjuggler.xml", areas=areas, series=SERIES)
     return {
-        "residuals.csv": table.write_csv(file=None, float_scientific=False),  # PlotJuggler takes 1e-5 for a word
+        "residuals.csv": table.write_csv(file=None, float_scientific=False),  # 1e-5 is a word to PlotJuggler
         "plotjuggler.xml": layout,
         "residuals.mcap": _mcap(list(topics), table),
         "foxglove.json": _foxglove(list(topics)),
