@@ -12,7 +12,7 @@ from typing import Annotated
 from eivor.cli import outputs as cli
 from eivor.cli.options import NO_TEXTS, parse_pair
 from eivor.errors import NotIdentifiedError, UsageError
-from eivor.exports.fitted import Supplied, known_number, one_line
+from eivor.exports.fitted import ACCEPTABLE_WORDS, Supplied, known_number, one_line
 from eivor.exports.simulators import RANDOMISATIONS, TARGETS, motions_for
 from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
@@ -79,7 +79,7 @@ def export(
         cli.option(
             "VERDICT",
             "Write weak numbers too, or provisional ones as well; each has its verdict beside it.",
-            values=("identified", "weak", "provisional"),
+            values=ACCEPTABLE_WORDS,
         ),
     ] = "identified",
     output: Annotated[

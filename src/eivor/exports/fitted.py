@@ -45,15 +45,16 @@ def listed(names: Sequence[str]) -> str:
     return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
 
 
-#: Verdicts that an export may accept, the worst first.
+#: Verdicts that an export may accept, the worst first; and words up to which it does.
 ACCEPTABLE = (Status.PROVISIONAL, Status.WEAK)
+ACCEPTABLE_WORDS = ("identified", "weak", "provisional")
 
 
 def accepted_verdicts(word: str) -> frozenset[Status]:
     """Verdicts that are written: up to the one of this word."""
-    words = {Status.IDENTIFIED.value: 0, Status.WEAK.value: 1, Status.PROVISIONAL.value: 2}
-    checks.index_of("a verdict to accept", word, words, "A refused number is never written.")
-    return frozenset(ACCEPTABLE[len(ACCEPTABLE) - words[word] :])
+    known = "A refused number is never written."
+    accepted = checks.index_of("a verdict to accept", word, ACCEPTABLE_WORDS, known)
+    return frozenset(ACCEPTABLE[len(ACCEPTABLE) - accepted :])
 
 
 #: Name in documents of the motion that exports are made of.

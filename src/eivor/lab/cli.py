@@ -20,7 +20,7 @@ from eivor.cli import outputs as cli
 from eivor.cli.export import supplied
 from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError
-from eivor.exports.fitted import accepted_verdicts
+from eivor.exports.fitted import ACCEPTABLE_WORDS, accepted_verdicts
 from eivor.exports.vehicle import BODY, describe, simulated_vehicle
 from eivor.exports.vehicle import RIGID_BODY as RIGID_BODY_MODEL
 from eivor.lab import figures as drawings
@@ -151,7 +151,10 @@ def simulate(
     ] = "",
     mass: Annotated[str, cli.option("KG", "Its mass, where its vehicle file has none.")] = "",
     accept: Annotated[
-        str, cli.option("VERDICT", "Fly weak numbers of it too, or provisional ones as well.")
+        str,
+        cli.option(
+            "VERDICT", "Fly weak numbers of it too, or provisional ones as well.", values=ACCEPTABLE_WORDS
+        ),
     ] = "identified",
 ) -> cli.ExitCode:
     """Simulate motion with known parameters into a log.
