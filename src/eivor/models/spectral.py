@@ -17,6 +17,8 @@ PerBin = Float[np.ndarray, " bins"]
 #: Share of a run that is tapered at each end, and the band's lowest frequency in cycles per run.
 TAPER_SHARE = 0.05
 LOWEST_CYCLES = 1.5
+#: Samples are transformed in so many parts at most.
+MOST_PARTS = 8
 #: So long is the taper before and after samples that do not count [s].
 TAPER_S = 0.1
 #: Runs that last this long or longer lose a straight line in time besides their mean: thrust of one command
@@ -43,8 +45,7 @@ class SpectralRun:
     def bins(self) -> slice:
         """Bins of the run's real FFT that are kept."""
         resolution = 1.0 / (self.length * self.step_s)
-        low = max(self.band_hz[0], LOWEST_CYCLES * resolution)
-        first = int(np.ceil(low / resolution - 1e-9))
+        first = int(np.ceil(max(self.band_hz[0], LOWEST_CYCLES * resolution) / resolution - 1e-9))
         last = int(np.floor(self.band_hz[1] / resolution + 1e-9))
         return slice(first, min(last + 1, (self.length + 1) // 2))
 
@@ -83,14 +84,24 @@ class SpectralRun:
 
     def spectrum(self, values: Float[np.ndarray, "length columns"]) -> Complex[np.ndarray, "bins columns"]:
         """Unitary real FFT of the tapered columns without mean and line, on the bins kept."""
-        basis, of_basis = self._trend
+        (basis, of_basis), turns = self._trend, self._turns
         spectra = np.zeros((values.shape[1], self.count), dtype=np.complex128)
-        for spectrum, column in zip(spectra, values.T, strict=True):  # small arrays: new memory takes long
+        for k, column in enumerate(values.T):  # small arrays: new memory takes long
             if column[self.length // 2] or column.any():  # an equation of one axis of several has zeros
                 tapered = column * self.taper
-                np.subtract(np.fft.rfft(tapered)[self.bins], (tapered @ basis) @ of_basis, out=spectrum)
+                parts = np.fft.rfft(tapered.reshape(-1, turns.shape[1]), axis=0)[self.bins]
+                np.einsum("kr,kr->k", parts, turns, out=spectra[k])
+                spectra[k] -= (tapered @ basis) @ of_basis
         spectra /= np.sqrt(self.length)
         return spectra.T
+
+    @cached_property
+    def _turns(self) -> Complex[np.ndarray, "bins d"]:
+        """By what the bins of every d-th sample add up to those of all: short FFTs stay in a cache."""
+        lengths = {d: self.length // d for d in range(1, MOST_PARTS + 1) if self.length % d == 0}
+        parts = max(d for d, length in lengths.items() if self.bins.stop <= (length + 1) // 2)
+        number = np.arange(self.bins.start, self.bins.stop)[:, None]
+        return np.exp(-2j * np.pi / self.length * number * np.arange(parts))
 
     @cached_property
     def _trend(self) -> tuple[Float[np.ndarray, "length k"], Complex[np.ndarray, "k bins"]]:
@@ -100,11 +111,14 @@ class SpectralRun:
 
     def series(self, spectrum: Complex[np.ndarray, "bins columns"]) -> Float[np.ndarray, "length columns"]:
         """Time series whose unitary FFT is `spectrum` on the bins kept and zero elsewhere."""
-        full = np.zeros((self.length // 2 + 1, spectrum.shape[1]), dtype=np.complex128)
-        full[self.bins] = spectrum
-        series: Float[np.ndarray, "length columns"] = np.fft.irfft(full, n=self.length, axis=0)
-        series *= np.sqrt(self.length)
-        return series
+        turns = self._turns
+        parts = self.length // (2 * turns.shape[1]) + 1, turns.shape[1]
+        full, series = np.zeros(parts, dtype=np.complex128), np.empty((spectrum.shape[1], self.length))
+        for row, column in zip(series, spectrum.T, strict=True):
+            np.multiply(column[:, None], turns.conj(), out=full[self.bins])
+            row[:] = np.fft.irfft(full, n=self.length // parts[1], axis=0).ravel()
+        series *= np.sqrt(self.length) / parts[1]
+        return series.T
 
     def spread(self, rows: Float[np.ndarray, "counted columns"]) -> Float[np.ndarray, "length columns"]:
         """Rows of the samples that count at their places in the run, and zeros between them."""
@@ -229,9 +243,10 @@ class BinRows(RowLayout):
         """Half the products of the time series: by Parseval they add up to ``test.T @ residual``."""
         together: dict[tuple[int, int, int], np.ndarray] = {}
         for run, tested, errors in self.series(test, residual[:, None]):
-            time, scores = (run.flight, run.start, run.length), 0.5 * tested * errors
+            time = (run.flight, run.start, run.length)
+            scores = np.multiply(tested, 0.5 * errors, out=tested)
             together[time] = together[time] + scores if time in together else scores
-        return np.concatenate(list(together.values()))
+        return np.concatenate(list(together.values())) if len(together) > 1 else scores
 
 
 @dataclass(frozen=True)
