@@ -35,7 +35,6 @@ from eivor.models.lagged_runs import (
     LaggedRuns,
     actuators,
     lag_and_delay,
-    nothing_moves,
     of_order,
 )
 from eivor.models.regression import AxisRows, Column, Equation, Parameter, SampleRows, lags, regression
@@ -44,7 +43,7 @@ from eivor.models.signal_regression import SignalRegression, cross_fitted
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.regression import VerticalFlight, vertical_problem
-from eivor.signals.filters import actuator_state, first_order_lag
+from eivor.signals.filters import actuator_state, first_order_lag, shifted_by
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
@@ -384,20 +383,24 @@ def test_rows_of_an_axis_are_cut_from_its_grid_and_lose_the_means_of_their_run()
     assert start == rows.response.size
 
 
-@pytest.mark.parametrize("stages", [(0.0,), (0.1, 0.249)])
+@pytest.mark.parametrize("stages", [(0.0,), (0.1, 0.249), ()])
 def test_columns_between_lags_and_delays_are_those_that_a_filter_makes(stages):
-    """Products of interpolated columns are those of columns filtered at each lag, delay and second stage."""
-    item = columns(3)
-    item = replace(item, moving=functools.partial(lagged, item.moving.throttle[:, None]), linear=True)
-    nuisances = lag_and_delay(np.geomspace(0.004, 0.15, 9), (0.0, 0.01, 0.03, 0.05))
-    nuisances = of_order(nuisances, 3 if any(stages) else 2)
+    """Products of interpolated columns are those of columns at each lag, delay and second stage, or shift."""
+    item, low = columns(3), 0.0 if stages else -0.013
+    throttle = item.moving.throttle[:, None]
+    late = lambda at: shifted_by(throttle, step_s=RUN_STEP_S, delay_s=-at["delay"])  # noqa: E731
+    item = replace(item, moving=functools.partial(lagged, throttle) if stages else late, linear=True)
+    lag, delay = lag_and_delay(np.geomspace(0.004, 0.15, 9), (low, 0.01, 0.03, 0.05))
+    nuisances = of_order((lag if stages else lag.known_at(0.0), delay), 3 if any(stages) else 2)
     problem = LaggedRuns((item, replace(item, axis=1)), PAIR, nuisances)
     direct = LaggedRuns((replace(item, linear=False), replace(item, axis=1)), PAIR, nuisances)
     assert problem.interpolation is not None
     assert direct.interpolation is None
-    grid = itertools.product((0.004, 0.0123, 0.15), (0.0, 0.0071, 0.05), stages)
+    grid = itertools.product(
+        (0.004, 0.0123, 0.15) if stages else (0.0,), (low, 0.0071, 0.05), stages or (0.0,)
+    )
     points = [{"actuator_lag": lag, "delay": delay, "second_stage": stage} for lag, delay, stage in grid]
-    weights = SpectralWhitening().last_pass(problem, np.array([0.3, 1.0]), points[4])
+    weights = SpectralWhitening().last_pass(problem, np.array([0.3, 1.0]), points[len(points) // 2])
     plain = replace(weights, problem=direct)
     np.testing.assert_allclose(weights.products(points), plain.products(points), rtol=1e-8, atol=1e-9)
     sums = (each.sums(points, weights.basis) for each in (weights, plain))
@@ -457,7 +460,7 @@ def test_long_runs_lose_a_line_in_time_and_short_ones_a_constant(seconds, degree
         run = SpectralRun(0, count, 0.05, (0.04, 5.0), counted=valid)
         left = run.spectrum(drifting) - run.spectrum(moved)
         assert (np.abs(left).max() < 1e-9) == bool(degree)
-        here = AxisColumns(0.05, (slice(0, count),), drifting[:, :1], moved[:, :1], nothing_moves(count),
+        here = AxisColumns(0.05, (slice(0, count),), drifting[:, :1], moved[:, :1], lambda _: moved[:, :0],
                            drifting[:, 1:], valid=valid)  # fmt: skip
         still = replace(here, responses=moved[:, :1], instruments=moved[:, 1:])
         rows, flat = (LaggedRuns((item,), PAIR[:1], ()).rows({}) for item in (here, still))

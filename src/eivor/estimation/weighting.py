@@ -238,6 +238,10 @@ class WhitenedRows(WeightedRows):
         return self._products([] if between is None else between.points)
 
     def _products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
+        size = max(BATCH_NUMBERS // self.basis.shape[0], 1)
+        if len(points) > size:
+            parts = (points[first : first + size] for first in range(0, len(points), size))
+            return np.concatenate([self._products(part) for part in parts])
         made = [self._of_run(len(points), *run) for run in self._runs(points, self.basis)]
         return np.asarray(sum(made) / self.basis.shape[0])
 

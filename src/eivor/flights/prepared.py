@@ -23,7 +23,7 @@ from eivor.inference.covariance import Classical, EqualWeightedCosines
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, SIGNIFICANT
 from eivor.inference.distributions import chi_square_tail, t_quantile, t_tail
-from eivor.models.lagged_runs import LaggedRuns
+from eivor.models.separable import GivenBins
 from eivor.models.spectral import SpectralRun
 from eivor.signals.channels import CurveSide, family_members
 from eivor.signals.filters import CAUGHT_UP_S, rate_limited
@@ -95,7 +95,7 @@ class SensorAgreement:
         return results
 
 
-def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> SensorAgreement | None:
+def sensor_agreement(problem: GivenBins | None, least: Mapping[str, float]) -> SensorAgreement | None:
     """Estimate in which ways two measurements differ."""
     if problem is None:
         return None
@@ -105,9 +105,10 @@ def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> 
             return together
         # kinds that explain the difference by themselves: there beyond doubt, and nothing is left
         either: dict[str, Difference] = {}
-        for index, parameter in enumerate(problem.parameters):
-            columns = tuple(replace(column, fixed=column.fixed[:, [index]]) for column in problem.columns)
-            alone, _ = estimated(replace(problem, columns=columns, parameters=(parameter,)), least)
+        for index, parameter in enumerate(problem.given.parameters):
+            column = problem.given.regressors[:, [index]]
+            by_one = replace(problem.given, regressors=column, parameters=(parameter,))
+            alone, _ = estimated(GivenBins(by_one), least)
             difference = alone.differences[parameter.name]
             if difference.matters and difference.p_value < BEYOND_DOUBT and alone.p_value >= SIGNIFICANT:
                 either[parameter.name] = difference
@@ -116,8 +117,8 @@ def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> 
         return None
 
 
-def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> tuple[SensorAgreement, float]:
-    """Coefficients of a problem without nuisances as disagreements, and the p-value of all being zero."""
+def estimated(problem: GivenBins, least: Mapping[str, float]) -> tuple[SensorAgreement, float]:
+    """Coefficients of given rows as disagreements, and the p-value of all being zero."""
     estimate = identify(problem, reference_iv())
     J, p_value = estimate.over_identification
     by = (estimate.with_covariance(kind) for kind in (Classical(), EqualWeightedCosines(AVERAGES)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.regression import AxisRows, Parameter, Regression, RowLayout, SampleRows, noise_of_surrogate
 from eivor.models.separable import Interpolation, MovedRun, Nuisance, SeparableProblem, Values, WarmStart
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun, trend
+from eivor.signals.filters import shifted_by
 from eivor.tools import Bool, Complex, Float
 
 #: Nuisances of nearly every vehicle, as they are called in results.
@@ -30,6 +30,8 @@ SECOND_STAGES = np.linspace(0.0, 0.249, 4)
 
 #: Complex numbers of moving columns that are remembered: the first that a search asks for, its grid's.
 MEMO_NUMBERS = 5_000_000
+#: So many points have their rows in frequency kept: stages of an estimate look at few again and again.
+KEPT_BINS = 4
 
 #: Band of spectral rows [Hz].
 BAND_HZ = (0.04, 5.0)
@@ -103,7 +105,8 @@ class AxisColumns:
     valid: Bool[np.ndarray, " n"] | None = None
     #: Which of the other parameters `moving` gives columns of, where the equation has but some. Default: all.
     moved: tuple[int, ...] | None = None
-    linear: bool = False  # Whether what moves is linear in actuators that lag behind held commands
+    #: Whether what moves is linear in actuators that lag behind held commands, or in samples that are late.
+    linear: bool = False
 
     def counted(self, run: slice) -> Bool[np.ndarray, " length"] | None:
         """Samples of a run that count; None for all."""
@@ -113,12 +116,6 @@ class AxisColumns:
         """The run and its bins."""
         length, counted = run.stop - run.start, self.counted(run)
         return SpectralRun(self.flight, length, self.step_s, self.band_hz, self.axis, run.start, counted)
-
-
-def nothing_moves(count: int) -> Callable[[Values], Float[np.ndarray, "n 0"]]:
-    """Return the moving columns of an equation that has none, over so many samples."""
-    nothing = np.empty((count, 0))
-    return lambda _at: nothing
 
 
 #: Share of columns that interpolation between lags may take.
@@ -215,6 +212,19 @@ class LagsAndDelays(Interpolation):
 
 
 @dataclass(frozen=True)
+class Shifts(Interpolation):
+    """Columns at whole steps of a delay of either sign, and those of `shifted_by` between."""
+
+    points: list[dict[str, float]]
+    step_s: float
+    none: int  # Place of no delay among them
+
+    def weights(self, points: Sequence[Values]) -> Float[np.ndarray, "points nodes"]:
+        late = partial(shifted_by, np.eye(len(self.points))[:, [self.none]], step_s=self.step_s)
+        return np.stack([late(delay_s=point[DELAY.name])[:, 0] for point in points])
+
+
+@dataclass(frozen=True)
 class LaggedRuns(SeparableProblem):
     """Regressions of runs for each value of the nuisances."""
 
@@ -229,6 +239,10 @@ class LaggedRuns(SeparableProblem):
     warm_start: WarmStart | None = None  # What an estimate has its weights from
     #: Bins of the moving columns: every pass of a weighting visits the same grid again.
     _memo: dict[tuple[float, ...], list[np.ndarray]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    #: Rows of the values that were asked for last.
+    _latest: dict[tuple[float, ...], SpectralRegression] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
@@ -272,73 +286,39 @@ class LaggedRuns(SeparableProblem):
         return self.interpolation is None and samples >= COSTLY_SAMPLES
 
     @cached_property
-    def interpolation(self) -> LagsAndDelays | None:
-        """Lags and delays between which columns are taken, where both are searched for and it pays."""
+    def interpolation(self) -> LagsAndDelays | Shifts | None:
+        """Lags and delays between which columns are taken, where these are searched for and it pays."""
         searched, steps = [item for item in self.nuisances if item.searched], {c.step_s for c in self.columns}
-        names = [item.name for item in searched]
+        names, step_s = [item.name for item in searched], min(steps)
         if not all(column.linear for column in self.columns) or len(steps) > 1:
             return None
         known = [ACTUATOR_LAG.name, DELAY.name, SECOND_STAGE.name][: len(self.nuisances)]
-        if len(names) < 2 or names != known or searched[1].first < 0.0:
+        if names == [DELAY.name] and searched[0].first < 0.0:
+            low, high = np.floor(searched[0].grid[[0, -1]] / step_s).astype(np.int64).tolist()
+            late = [self.first_values | {DELAY.name: k * step_s} for k in range(low - 2, high + 4)]
+            made: LagsAndDelays | Shifts = Shifts(late, step_s, 2 - low)
+        elif len(names) > 1 and names == known and searched[1].first >= 0.0:
+            made = LagsAndDelays.of_grids(searched[0], searched[1], step_s, staged=len(names) > 2)
+        else:
             return None
-        made = LagsAndDelays.of_grids(searched[0], searched[1], steps.pop(), staged=len(names) > 2)
         count, moving = len(made.points), len(self.parameters) - self.still
         numbers = count * sum(run.count for run in self._bin_layout.runs) * moving
         return made if count <= MOST_INTERPOLATED * len(names) and numbers <= MEMO_NUMBERS else None
 
     def moved_runs(self, points: Sequence[Values]) -> Iterator[MovedRun]:
-        every = [self._moving_bins(point) for point in points]
-        for number, (item, _) in enumerate(self._cut()):
-            X = np.stack([blocks[number].T for blocks in every])
-            yield (
-                self.still + np.array(self._positions(item), dtype=np.int64),
-                np.concatenate([X.real, X.imag], axis=2),
-            )
+        at = [self.still + np.array(self._positions(item), dtype=np.int64) for item, _ in self._cut()]
+        runs = zip(at, self._bin_layout.runs, strict=True)
+        made = [np.empty((len(points), index.size, 2 * run.count)) for index, run in runs]
+        for number, point in enumerate(points):
+            for rows, block in zip(made, self._moving_bins(point), strict=True):
+                np.concatenate([block.real.T, block.imag.T], axis=1, out=rows[number])
+        yield from zip(at, made, strict=True)
 
     def with_instruments(self, instruments: Sequence[Float[np.ndarray, "n p"]]) -> LaggedRuns:
         """The same with other instruments of each flight and axis."""
         pairs = zip(self.columns, instruments, strict=True)
         result = replace(self, columns=tuple(replace(item, instruments=made) for item, made in pairs))
         vars(result).update(_bin_layout=self._bin_layout, _memo=self._memo, _fixed_bins=self._fixed_bins)
-        return result
-
-    def with_fixed(
-        self,
-        parameters: tuple[Parameter, ...],
-        added: Sequence[Float[np.ndarray, "n k"]],
-        **changes: Any,
-    ) -> LaggedRuns:
-        """The same runs with more fixed columns, and other fields changed; no spectrum is made twice."""
-        pairs, still = zip(self.columns, added, strict=True), self.still
-        columns = tuple(replace(item, fixed=np.hstack([item.fixed, more])) for item, more in pairs)
-        every = (*self.parameters[:still], *parameters, *self.parameters[still:])
-        result = replace(self, columns=columns, parameters=every, **changes)
-        blocks = [more[run] for item, more in zip(self.columns, added, strict=True) for run in item.runs]
-        runs = zip(self._bin_layout.runs, blocks, strict=True)
-        responses, fixed = self._fixed_bins
-        whole = np.hstack([fixed, np.concatenate([run.spectrum(block) for run, block in runs])])
-        made = {"_bin_layout": self._bin_layout, "_fixed_bins": (responses, whole)}
-        vars(result).update(made, _memo=self._memo, instrument_bins=self.instrument_bins)
-        return result
-
-    def combined(
-        self,
-        columns: tuple[AxisColumns, ...],
-        moving: tuple[Parameter, ...],
-        combination: Float[np.ndarray, "m k"],
-        *,
-        noisier: LaggedRuns | None = None,
-        warm_start: WarmStart | None = None,
-    ) -> LaggedRuns:
-        """The same runs, their moving columns combined by a matrix; no spectrum is made twice."""
-        parameters = (*self.parameters[: self.still], *moving)
-        result = replace(self, columns=columns, parameters=parameters, noisier=noisier, warm_start=warm_start)
-        parts = [
-            combination[np.ix_(self._positions(before), result._positions(after))]
-            for (before, _), (after, _) in zip(self._cut(), result._cut(), strict=True)
-        ]
-        for key, blocks in self._memo.items():
-            result._memo[key] = [block @ part for block, part in zip(blocks, parts, strict=True)]
         return result
 
     def band_hz(self, axis: int) -> tuple[float, float]:
@@ -389,9 +369,9 @@ class LaggedRuns(SeparableProblem):
         widths = {column.axis: column.instruments.shape[1] for column in self.columns}
         first = dict(zip(self.axes, np.cumsum([0, *(widths[axis] for axis in self.axes)]), strict=False))
         for item, run in self._cut():
-            columns = np.zeros((run.stop - run.start, sum(widths.values())))
-            columns[:, first[item.axis] : first[item.axis] + widths[item.axis]] = item.instruments[run]
-            yield columns
+            after = sum(widths.values()) - first[item.axis] - widths[item.axis]
+            columns, around = item.instruments[run], ((0, 0), (first[item.axis], after))
+            yield np.pad(columns, around) if len(widths) > 1 else columns
 
     def _timed(self, blocks: Iterable[Float[np.ndarray, "_ columns"]]) -> Float[np.ndarray, "rows columns"]:
         """Samples of all runs that count, without mean and line of their run, as rows in frequency are."""
@@ -462,6 +442,10 @@ class LaggedRuns(SeparableProblem):
         key = tuple(nuisance_values[nuisance.name] for nuisance in self.nuisances)
         result = self._memo.get(key)
         if result is None:
+            between = self.interpolation
+            if isinstance(between, Shifts) and nuisance_values not in between.points:
+                nodes = zip(*map(self._moving_bins, between.points), strict=True)
+                return [np.tensordot(between.weights([nuisance_values])[0], every, 1) for every in nodes]
             moving = zip(self._bin_layout.runs, self._moving(nuisance_values), strict=True)
             result = [run.spectrum(block) for run, block in moving]
             if (len(self._memo) + 1) * sum(block.size for block in result) <= MEMO_NUMBERS:
@@ -469,11 +453,17 @@ class LaggedRuns(SeparableProblem):
         return result
 
     def bins(self, nuisance_values: Values) -> SpectralRegression:
+        key = tuple(nuisance_values[nuisance.name] for nuisance in self.nuisances)
+        if key in self._latest:
+            return self._latest[key]
         (responses, fixed), instruments = self._fixed_bins, self.instrument_bins
         moving = np.concatenate(self._among_all(self._moving_bins(nuisance_values)))
         more = None if self.noisier is None else partial(self.noisier.bins, nuisance_values)
         regressors = np.concatenate([fixed, moving], axis=1)
-        return SpectralRegression(responses, regressors, instruments, self.parameters, self._bin_layout, more)
+        made = (responses, regressors, instruments, self.parameters, self._bin_layout, more)
+        for earlier in list(self._latest)[: 1 - KEPT_BINS]:
+            del self._latest[earlier]
+        return self._latest.setdefault(key, SpectralRegression(*made))
 
     def series_in_band(
         self, nuisance_values: Values, axis: int, theta: Float[np.ndarray, " n"], part: Sequence[int]

@@ -54,14 +54,14 @@ class LaggedReferences(InstrumentRule):
         return ", ".join(self.channels)
 
     def columns(self, signals: Signals, _command: Float[np.ndarray, " n"], /) -> Float[np.ndarray, "n p"]:
-        results = [np.empty((signals.sample_count, 0))]
+        results: list[np.ndarray] = []
         for name in self.channels:
             usual = REFERENCE_LAGS.get(name, DEFAULT_LAGS) if len(self.channels) > 1 else LONE_LAGS
             count, lag_s = usual if self.lags is None else self.lags
             results.append(signals.channel(name))
             for _ in range(count):
                 results.append(first_order_lag(results[-1], step_s=signals.step_s, lag_s=lag_s))
-        return np.column_stack(results)
+        return np.array(results).reshape(-1, signals.sample_count).T  # each column in one piece
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,9 +191,7 @@ class Nuisance:
 
     def misfit(self, nuisance_values: Values) -> float:
         """Squared distance of its value from what is known beforehand, in standard errors."""
-        if self.prior is None:
-            return 0.0
-        return self.prior.misfit(self.with_others(nuisance_values))
+        return 0.0 if self.prior is None else self.prior.misfit(self.with_others(nuisance_values))
 
     def with_others(self, numbers: Mapping[str, Number]) -> Number:
         """Sum of its value and of those that what is known is about as well."""
@@ -327,6 +325,21 @@ class SeparableProblem(ABC):
     def first_values(self) -> dict[str, float]:
         """Every nuisance at the least value of its grid."""
         return {nuisance.name: nuisance.first for nuisance in self.nuisances}
+
+
+@dataclass(frozen=True)
+class GivenBins(SeparableProblem):
+    """Rows in frequency that no nuisance moves."""
+
+    given: SpectralRegression
+    nuisances = ()
+
+    def rows(self, _nuisance_values: Values) -> Regression:
+        ones = np.ones(len(self.given.responses))
+        return self.given.whitened(0.5 * ones, ones, self.given.layout.stacked(self.given.instruments))
+
+    def bins(self, _nuisance_values: Values) -> SpectralRegression:
+        return self.given
 
 
 class LinearisableProblem(SeparableProblem):

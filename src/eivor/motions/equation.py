@@ -109,7 +109,7 @@ class AxisEquation:
             late = shifted_by(signals.channel(name)[:, None], step_s=signals.step_s, delay_s=delay_s)
             held[name] = _around_samples(late[:, 0])
         columns = [_evaluated(parsed(text), signals, held) for text in texts]
-        return np.column_stack(columns) if columns else np.empty((signals.sample_count, 0))
+        return np.array(columns).reshape(-1, signals.sample_count).T
 
     def driven(self, signals: Signals, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
         """Columns of the terms behind the actuators, at a lag and a delay."""
@@ -119,18 +119,22 @@ class AxisEquation:
         for name in used:
             states[name] = actuator_state(signals.family(name), **path).mean(axis=1)
         columns = [_evaluated(term.expression, signals, states) for term in terms]
-        return np.column_stack(columns) if columns else np.empty((signals.sample_count, 0))
+        return np.array(columns).reshape(-1, signals.sample_count).T
+
+    @property
+    def is_forced(self) -> bool:
+        """Whether what is explained is itself an input that holds, such as the force of a motor."""
+        return any(name in self.averaged for text in self.response for name in parsed(text).columns)
 
     def is_late(self, term: Term) -> bool:
         """Whether a delay of the inputs that hold moves a term."""
-        columns = {name for text in (term.of, *self.response) for name in parsed(text).columns}
-        return term.is_steady and not columns.isdisjoint(self.averaged)
+        held = not {*term.expression.columns}.isdisjoint(self.averaged)
+        return term.is_steady and (held or self.is_forced)
 
     def late(self, signals: Signals) -> Callable[[Values], Float[np.ndarray, "n m"]]:
         """Columns of the steady terms where held inputs come later than they are logged, by a delay."""
         texts, step_s = [term.of for term in self.terms if self.is_late(term)], signals.step_s
-        # what is explained may itself be an input, such as the force of a motor
-        if not any(name in self.averaged for text in self.response for name in parsed(text).columns):
+        if not self.is_forced:
             return lambda at: self.columns(signals, texts, at[DELAY.name])
         early = self.columns(signals, texts)
         return lambda at: shifted_by(early, step_s=step_s, delay_s=-at[DELAY.name])
@@ -148,12 +152,13 @@ class AxisEquation:
             made = {text: _evaluated(parsed(text), signals) for text in self.instruments_of}
             more = replace(signals, channels={**signals.channels, **made})
             return replace(rule, channels=self.instruments_of, lags=lags).columns(more, commands[0])
-        columns = [replace(rule, channels=names, lags=lags).columns(signals, commands[0])]
+        chains = replace(rule, channels=names, lags=lags).columns(signals, commands[0]).T
+        columns = [*chains]
         for mirror in self.mirrors:
             if mirror.reference in names and lags is not None:
-                chain = replace(rule, channels=(mirror.reference,), lags=lags).columns(signals, commands[0])
-                columns += [column[:, None] for column in mirror.columns(signals, chain.T, lags[1])]
-        return np.concatenate(columns, axis=1)
+                first = names.index(mirror.reference) * (lags[0] + 1)
+                columns += mirror.columns(signals, chains[first : first + lags[0] + 1], lags[1])
+        return np.array(columns).T
 
 
 def _around_samples(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -241,7 +246,7 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
                         flight.band_hz,
                         flight.usable,
                         tuple(moving.index(term.parameter) for term in moves),
-                        not late and all(term.is_linear for term in moves),
+                        all(term.is_linear for term in moves) or (late and axis.is_forced),
                     )
                 )
         step_s = max((column.step_s for column in columns), default=0.0)

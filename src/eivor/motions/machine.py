@@ -695,7 +695,7 @@ def _past_and_future(signals: Signals, name: str) -> tuple[np.ndarray, np.ndarra
     lagging = [behind(series, lag_s) for lag_s in lags]
     twice = map(behind, lagging, lags)
     leading = [behind(series[::-1], lag_s)[::-1] for lag_s in lags]
-    return np.column_stack([series, *lagging, *twice]), np.column_stack(leading)
+    return np.array([series, *lagging, *twice]).T, np.array(leading).T
 
 
 def _step_s(inputs: verdict.VerdictInputs) -> float:

@@ -120,10 +120,6 @@ def with_common_rotor_inertia(
     """The same problem whose columns of rotors that spin go with J / Izz alone, at so many usual states."""
     moving = problem.parameters[problem.columns[0].fixed.shape[1] :]
     kept = tuple(item for item in moving if item not in GYROSCOPIC_MOMENT)
-    times = dict.fromkeys(terms.AT_HOVER, hover)
-    combination = np.array([[(item == other) / times.get(item, 1.0) for other in kept] for item in moving])
-    for axis, entry in enumerate(GYROSCOPIC_MOMENT):
-        combination[moving.index(entry), kept.index(terms.REACTION)] = ratios[axis]
     columns, at_hover = list(problem.columns), dict[int, terms.RotorStates]()
     for index, column in enumerate(columns):
         if isinstance(column.moving, terms.RotorColumns):
@@ -136,12 +132,12 @@ def with_common_rotor_inertia(
     noisier = problem.noisier
     if noisier is not None:
         noisier = with_common_rotor_inertia(noisier, ratios, hover=hover)
-    stays = [item for item in problem.parameters if item not in GYROSCOPIC_MOMENT]
-    started = None
+    stays, started = tuple(item for item in problem.parameters if item not in GYROSCOPIC_MOMENT), None
     if free is not None:
+        times = dict.fromkeys(terms.AT_HOVER, hover)
         theta = [times.get(item, 1.0) * free.parameters[item.name] for item in stays]
         started = WarmStart(np.array(theta), free.nuisances)
-    return problem.combined(tuple(columns), kept, combination, noisier=noisier, warm_start=started)
+    return replace(problem, columns=tuple(columns), parameters=stays, noisier=noisier, warm_start=started)
 
 
 def with_products(
@@ -150,16 +146,17 @@ def with_products(
     """The same with columns of what elements of the inertia matrix off its diagonal do, and other changes."""
     if not chosen:
         return replace(problem, **changes) if changes else problem
-    shares, added = vehicles.inertia_shares(values), []
+    shares, columns = vehicles.inertia_shares(values), []
     for item in problem.columns:
-        columns = np.zeros((item.fixed.shape[0], len(chosen)))
+        added = np.zeros((item.fixed.shape[0], len(chosen)))
         if item.axis < terms.FORCE_X_EQUATION and isinstance(item.moving, terms.RotorColumns):
             of, share = item.moving.states.at()[0], shares[item.axis]
             for index, entry in enumerate(chosen):
-                columns[:, index] = share * mean_over_step(of.by_product(item.axis, PRODUCT.index(entry)))
-        added.append(columns)
+                added[:, index] = share * mean_over_step(of.by_product(item.axis, PRODUCT.index(entry)))
+        columns.append(replace(item, fixed=np.hstack([item.fixed, added])))
     noisier = None if problem.noisier is None else with_products(problem.noisier, values, chosen)
-    return problem.with_fixed(tuple(chosen), added, noisier=noisier, **changes)
+    parameters = (*problem.parameters[: problem.still], *chosen, *problem.parameters[problem.still :])
+    return replace(problem, columns=tuple(columns), parameters=parameters, noisier=noisier, **changes)
 
 
 def rotor_inertia_ratios(problem: LaggedRuns) -> tuple[float, float] | None:

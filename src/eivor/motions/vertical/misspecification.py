@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -16,14 +15,16 @@ from eivor.flights.grid import on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import Difference, PreparedFlight, SensorAgreement, estimated
-from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, nothing_moves
+from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns
 from eivor.models.regression import Parameter
+from eivor.models.separable import GivenBins
+from eivor.models.spectral import SpectralRegression
 from eivor.motions.vertical import regression
 from eivor.motions.vertical.regression import SUPPLY, VerticalFlights, channel_on_grid, explained, voltage
 from eivor.motions.vertical.select import rotated, vertical_row
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import GRAVITY, Channel, Finding
-from eivor.tools import Float, capitalised
+from eivor.tools import Complex, Float, capitalised
 
 # -- Omitted-variable tests --
 
@@ -57,11 +58,33 @@ def omitted_variable_tests(
     problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
 ) -> dict[str, Difference]:
     """Coefficient of each term as if it alone were added; none without instruments."""
-    columns = problem.columns
-    if not all(item.instruments.shape[1] for item in columns):
+    if not all(item.instruments.shape[1] for item in problem.columns):
         return {}
+    gain = abs(estimate.parameters["input_gain"]) or math.nan
+    linear = _linear(problem, estimate)
+    differences: dict[str, Difference] = {}
+    for name, (column, instrument) in _term_bins(problem, estimate, flights).items():
+        made = replace(
+            linear,
+            regressors=np.hstack([column, linear.regressors]),
+            instruments=np.hstack([linear.instruments, instrument]),
+            parameters=(Parameter(name, ""), *linear.parameters),
+        )
+        try:
+            shift = estimated(GivenBins(made), {})[0].differences[name]
+        except (EstimationError, InstrumentError, TooFewSamplesError):
+            continue
+        size = gain if name in SHARES else 1.0
+        differences[name] = replace(shift, value=shift.value / size, std_error=shift.std_error / size)
+    return differences
+
+
+def _term_bins(
+    problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
+) -> dict[str, list[Complex[np.ndarray, "bins 1"]]]:
+    """Column of each term that all flights know, and its instrument, in the rows in frequency."""
+    columns, measured = problem.columns, []
     timed = any(voltage(flight) is None for flight in flights)  # one coefficient has one meaning
-    measured = []
     for item, cut, flight in zip(columns, problem.flights, flights, strict=True):
         mapped, height = item.moving(estimate.nuisances)[:, 0], regression.height_over_ground(flight)[0]
         volts, mean = _share_of_time(flight) if timed else voltage(flight), float(mapped[flight.used].mean())
@@ -72,32 +95,12 @@ def omitted_variable_tests(
         measured.append({name: values for name, values in known.items() if values is not None})
     pairs = zip(measured, columns, strict=True)
     explained = [regression.explained_ingredients(of, item.instruments, item.runs) for of, item in pairs]
-    base = [_linear(problem, item, estimate) for item in columns]
-    gain = abs(estimate.parameters["input_gain"]) or math.nan
     added = {SUPPLY if term is regression.VOLTAGE_TERM else term.parameter.name for term in problem.terms}
-    differences: dict[str, Difference] = {}
-    for name, (needed, of_term) in _TERMS.items():
-        if name in added or not all(needed in of for of in measured):
-            continue
-        regressors, instruments = (map(of_term, of) for of in (measured, explained))
-        parts = zip(columns, regressors, base, instruments, strict=True)
-        runs = tuple(_still(item, np.column_stack([x, linear]), z) for item, x, linear, z in parts)
-        others = (Parameter(f"of the model {index}", "") for index in range(1, runs[0].fixed.shape[1]))
-        try:
-            shift = estimated(LaggedRuns(runs, (Parameter(name, ""), *others), ()), {})[0].differences[name]
-        except (EstimationError, InstrumentError, TooFewSamplesError):
-            continue
-        size = gain if name in SHARES else 1.0
-        differences[name] = replace(shift, value=shift.value / size, std_error=shift.std_error / size)
-    return differences
-
-
-def _still(
-    item: AxisColumns, fixed: Float[np.ndarray, "n k"], *instruments: np.ndarray, **changed: Any
-) -> AxisColumns:
-    """Columns that no lag moves, with more instruments."""
-    instruments_ = np.column_stack([item.instruments, *instruments])
-    return replace(item, fixed=fixed, moving=nothing_moves(len(fixed)), instruments=instruments_, **changed)
+    return {
+        name: [problem.spectra([column(of)[:, None] for of in each]) for each in (measured, explained)]
+        for name, (needed, column) in _TERMS.items()
+        if name not in added and all(needed in of for of in measured)
+    }
 
 
 def _share_of_time(flight: PreparedFlight) -> regression.TermColumn:
@@ -107,15 +110,15 @@ def _share_of_time(flight: PreparedFlight) -> regression.TermColumn:
     return share
 
 
-def _linear(
-    problem: VerticalFlights, axis_columns: AxisColumns, estimate: Estimate
-) -> Float[np.ndarray, "n k"]:
-    """Columns of the linear parameters at the estimate, and derivatives by the nuisances searched for."""
-    index = estimate.nuisances
-    moving, theta = axis_columns.moving, estimate.theta[axis_columns.fixed.shape[1] :]
+def _linear(problem: VerticalFlights, estimate: Estimate) -> SpectralRegression:
+    """Rows in frequency at the estimate; derivatives by the nuisances searched for are parameters as well."""
+    at, bins = estimate.nuisances, problem.bins(estimate.nuisances)
     searched = [nuisance for nuisance in problem.nuisances if nuisance.searched]
-    slopes = [nuisance.derivative(moving, index) @ theta for nuisance in searched]
-    return np.column_stack([axis_columns.fixed, moving(index), *slopes])
+    slopes = [
+        item.derivative(lambda to: problem.bins(to).regressors @ estimate.theta, at) for item in searched
+    ]
+    parameters = (*problem.parameters, *(item.parameter for item in searched))
+    return replace(bins, regressors=np.column_stack([bins.regressors, *slopes]), parameters=parameters)
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,22 +269,24 @@ def sensitivities(
     sideways = [_sideways(flight) for flight in flights]
     tilts = [name for name in sideways[0] if all(name in other for other in sideways)]
     causes = [OFFSET.name, *(TILTS[name].name for name in tilts)]
-    extended = []
+    added = []
     for item, moving in zip(columns, sideways, strict=True):
-        change = np.gradient(item.responses.mean(axis=1), item.step_s)
-        added = [change, *(np.gradient(moving[name], item.step_s) for name in tilts)]
-        extended.append(_still(item, np.column_stack([_linear(problem, item, estimate), *added])))
-    count = extended[0].fixed.shape[1]
+        series = (item.responses.mean(axis=1), *(moving[name] for name in tilts))
+        added.append(np.gradient(np.array(series), item.step_s, axis=1).T)
+    linear = _linear(problem, estimate)
+    regressors = np.hstack([linear.regressors, problem.spectra(added)])
+    count = regressors.shape[1]
     theta = np.pad(estimate.theta, (0, count - estimate.theta.size))
-    names = tuple(Parameter(f"column {index}", "") for index in range(count))
-    whitened = SpectralWhitening().last_pass(LaggedRuns(tuple(extended), names, ()), theta, {})
+    names = (*linear.parameters, *(Parameter(cause, "") for cause in causes))
+    made = replace(linear, regressors=regressors, parameters=names)
+    whitened = SpectralWhitening().last_pass(GivenBins(made), theta, {})
     rows = whitened.rows({})
     products = rows.instruments.T @ rows.regressors
     known_columns = count - len(causes)
     effects = [products[:, known_columns:]]
-    for sensor in SENSORS if all(item.responses.shape[1] == len(SENSORS) for item in columns) else ():
-        late = [replace(item, responses=_lateness(item, sensor, estimate.theta[0])) for item in extended]
-        response = replace(whitened, problem=LaggedRuns(tuple(late), names, ())).rows({}).response
+    for sensor in SENSORS if made.responses.shape[1] == len(SENSORS) else ():
+        late = problem.spectra([_lateness(item, sensor, estimate.theta[0]) for item in columns])
+        response = replace(made, responses=late).whitened_rows(whitened.blend, whitened.power)[:, 0]
         effects.append((rows.instruments.T @ response)[:, None])
         causes.append(f"late {sensor}")
     known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
@@ -345,25 +350,32 @@ SIDEWAYS_SPEED = 0.3
 SIDEWAYS_LAGS_S = (0.2, 0.2, 0.4)
 
 
-def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFlight]) -> LaggedRuns | None:
+def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFlight]) -> GivenBins | None:
     """Regression of D - A on what each kind of disagreement would leave of it."""
     if any(item.responses.shape[1] < 2 or not item.instruments.shape[1] for item in problem.columns):
         return None
     sideways = [_sideways(flight) for flight in flights]
     names = tuple(sideways[0]) if all(moving.keys() == sideways[0].keys() for moving in sideways) else ()
-    pairs = zip(problem.columns, sideways, strict=True)
-    columns = tuple(_columns(item, [moving[name] for name in names]) for item, moving in pairs)
-    return LaggedRuns(columns, (OFFSET, SCALE, *(TILTS[name] for name in names)), ())
+    pairs = list(zip(problem.columns, sideways, strict=True))
+    kinds = problem.spectra([_kinds(item, [moving[name] for name in names]) for item, moving in pairs])
+    lags = problem.spectra([_lags([moving[name] for name in names], item) for item, moving in pairs])
+    bins = problem.bins(problem.first_values)
+    return GivenBins(
+        replace(
+            bins,
+            responses=bins.responses @ [[-1.0], [1.0]],
+            regressors=kinds,
+            instruments=np.hstack([bins.instruments, lags]),
+            parameters=(OFFSET, SCALE, *(TILTS[name] for name in names)),
+        )
+    )
 
 
-def _columns(axis_columns: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -> AxisColumns:
-    A, D = axis_columns.responses.T
-    a, step_s, valid = 0.5 * (A + D), axis_columns.step_s, axis_columns.valid
+def _kinds(axis_columns: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -> Float[np.ndarray, "n k"]:
+    step_s, valid, a = axis_columns.step_s, axis_columns.valid, axis_columns.responses.mean(axis=1)
     if valid is not None and valid.any():  # a slope reads its neighbours, which may be beyond a limit
         a = np.interp(np.arange(a.size), np.flatnonzero(valid), a[valid])
-    slopes = [-np.gradient(v, step_s) for v in sideways]
-    fixed = np.column_stack([np.gradient(a, step_s), a, *slopes])
-    return _still(axis_columns, fixed, *(_lags(v, step_s) for v in sideways), responses=(D - A)[:, None])
+    return np.array([np.gradient(a, step_s), a, *(-np.gradient(v, step_s) for v in sideways)]).T
 
 
 def turned(flights: Sequence[PreparedFlight]) -> tuple[str, str]:
@@ -399,11 +411,13 @@ def sideways_speed(flights: Sequence[PreparedFlight]) -> float:
     return float(np.fmax.reduce(speeds))
 
 
-def _lags(velocity: Float[np.ndarray, " n"], step_s: float) -> Float[np.ndarray, "n p"]:
-    results = [velocity]
-    for lag_s in SIDEWAYS_LAGS_S:
-        results.append(first_order_lag(results[-1], step_s=step_s, lag_s=lag_s))
-    return np.column_stack(results)
+def _lags(velocities: list[Float[np.ndarray, " n"]], of: AxisColumns) -> Float[np.ndarray, "n p"]:
+    results = []
+    for velocity in velocities:
+        results.append(velocity)
+        for lag_s in SIDEWAYS_LAGS_S:
+            results.append(first_order_lag(results[-1], step_s=of.step_s, lag_s=lag_s))
+    return np.array(results).reshape(-1, len(of.fixed)).T
 
 
 def _sideways(flight: PreparedFlight) -> dict[str, Float[np.ndarray, " n"]]:

@@ -178,8 +178,7 @@ def resampled(
     """Friction, gain and hover input; lag and effective lag when they were searched for."""
     names = ("viscous_friction", "input_gain", *(term.parameter.name for term in problem.terms))
     results = {name: parameters[name] for name in names}
-    mapped = regression.hover_of_sums(parameters, sums)
-    results["hover_input"] = problem.motion.input_map.inverse(mapped)
+    results["hover_input"] = problem.motion.input_map.inverse(regression.hover_of_sums(parameters, sums))
     lag_s, delay_s = (nuisances[name] for name in (ACTUATOR_LAG.name, DELAY.name))
     searched = {nuisance.name for nuisance in problem.nuisances if nuisance.searched}
     if ACTUATOR_LAG.name in searched:
@@ -332,7 +331,9 @@ class Vertical(motion.Motion[VerticalFlights]):
 
     def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
         """Vertical acceleration without mean and line of each run."""
-        rows, theta = replace(problem).rows(estimate.nuisances), estimate.theta  # by a copy, that keeps none
+        columns = tuple(replace(item, instruments=item.instruments[:, :0]) for item in problem.columns)
+        copied = replace(problem, columns=columns, noise=None)  # which keeps no rows
+        rows, theta = copied.rows(estimate.nuisances), estimate.theta
         predicted, driven = rows.regressors @ theta, rows.regressors[:, 1] * theta[1]
         words = ("vertical acceleration", "m/s²", "K_u U − K z'", "K_u U")
         return (Trace(*words, rows.response, predicted, driven),)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from eivor.flights.prepared import CommandLimit, PreparedFlight
 from eivor.inference.covariance import COSINE_AVERAGES, long_run_mean_variance
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.distributions import normal_quantile, t_quantile
+from eivor.linalg.system import COPIED_ROWS, merged_roots, row_blocks
 from eivor.models import lagged_runs, separable
 from eivor.models.regression import Parameter
 from eivor.models.spectral import LINE_S
@@ -77,8 +78,7 @@ def input_variance(flight: VerticalFlight, level: InputMap) -> float:
     step = SLOPE_STEP * max(float(np.abs(state).max()), SLOPE_STEP)
     slopes = (level(state + step) - level(state - step)) / (2.0 * step)
     tilt = flight.signals.channel("cos_tilt")[:, None]
-    each = np.concatenate(flight.cut((tilt * slopes / len(names)) ** 2))
-    return float(each.mean(axis=0) @ variances)
+    return float(np.concatenate(flight.cut((tilt * slopes / len(names)) ** 2)).mean(axis=0) @ variances)
 
 
 def _response(flight: VerticalFlight, nuisance_values: separable.Values) -> Float[np.ndarray, " lags"]:
@@ -157,9 +157,11 @@ def explained(
     by: Float[np.ndarray, "n p"], runs: Sequence[slice], columns: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "n k"]:
     """Columns as far as others explain them by least squares over the runs, a constant among them."""
-    B = np.column_stack([by, np.ones(len(by))])
-    used = np.concatenate([np.arange(run.start, run.stop) for run in runs])
-    return np.asarray(B @ np.linalg.lstsq(B[used], columns[used], rcond=None)[0])
+    parts = (slice(*ends) for run in runs for ends in row_blocks(run.start, run.stop, COPIED_ROWS))
+    rows = (np.column_stack([by[k], np.ones(k.stop - k.start), columns[k]]) for k in parts)
+    root, least = reduce(merged_roots, rows), len(by) * np.finfo(np.float64).eps
+    weights = np.linalg.lstsq(root[:, : by.shape[1] + 1], root[:, by.shape[1] + 1 :], rcond=least)[0]
+    return np.asarray(by @ weights[:-1] + weights[-1])
 
 
 # -- Flights --
@@ -267,8 +269,7 @@ class MovingColumns:
             # the charge alone: loads, which references explain, pull the voltage down within a second
             charge = explained(trend, self.flight.runs, of["voltage"][:, None])[:, 0]
             made = {**made, "voltage": charge}
-        added = np.column_stack([term.column(made) for term in self.terms])
-        return np.column_stack([references, added])
+        return np.column_stack([references, np.column_stack([term.column(made) for term in self.terms])])
 
     def _ingredients(self, mapped: Float[np.ndarray, " n"]) -> Ingredients:
         lift = GRAVITY / self._mean * mapped
