@@ -279,8 +279,15 @@ class Criterion:
                 break
         return inside
 
+    @cached_property
+    def _known(self) -> dict[float, tuple[Rows, Places, Bool[np.ndarray, " R"]]]:
+        """Stretches of each bound: all parameters have the same."""
+        return {}
+
     def stretches(self, bound: float) -> tuple[Rows, Places, Bool[np.ndarray, " R"]]:
         """Number of the slice, places, and whether J would stay below the bound beyond, of each stretch."""
+        if bound in self._known:
+            return self._known[bound]
         parts = []
         for number, (positions, J) in enumerate(self._scanned):
             parts += [(number, positions, J, part.start, part.stop) for part in stretches(bound >= J)]
@@ -300,7 +307,8 @@ class Criterion:
         padded = np.array([np.append(item, np.full(most - item.size, item[-1])) for item in within])
         positive = self._axis is not None and self._axis.nuisance.positive
         cut_short = [positive and stop == positions.size for _, positions, *_, stop in parts]
-        return rows, padded.reshape(rows.size, max(most, 1)), np.array(cut_short, dtype=np.bool_)
+        made = rows, padded.reshape(rows.size, max(most, 1)), np.array(cut_short, dtype=np.bool_)
+        return self._known.setdefault(bound, made)
 
     def below(self, bound: float, position: int) -> list[ConfidenceSet]:
         """For each flight the values of one parameter at which J is at most a bound."""
@@ -471,11 +479,7 @@ class ProfileSets:
         return _Part(criterion, degrees - (estimate.unknowns - len(strange) - 1), strange)
 
     def _sets(
-        self,
-        part: _Part,
-        below: Callable[[float], ConfidenceSet],
-        wald: tuple[float, float],
-        level: float,
+        self, part: _Part, below: Callable[[float], ConfidenceSet], wald: tuple[float, float], level: float
     ) -> ParameterSets | None:
         try:
             least = float(part.criterion.minima.min())

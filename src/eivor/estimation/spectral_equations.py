@@ -238,8 +238,7 @@ def solved_equations(
         if now.converged:
             break
     return replace(
-        now,
-        noises=sampling.fitted_noises(now.motion, now.residual, noise, prior, sampling.MEASURE),
+        now, noises=sampling.fitted_noises(now.motion, now.residual, noise, prior, sampling.MEASURE)
     )
 
 

@@ -206,11 +206,7 @@ class SignPerturbedSet(_ConfidenceSets):
 
 
 def anderson_rubin_set(
-    problem: LinearProblem,
-    method: LinearMethod,
-    *,
-    averages: int | None = None,
-    level: float = 0.95,
+    problem: LinearProblem, method: LinearMethod, *, averages: int | None = None, level: float = 0.95
 ) -> AndersonRubinSet:
     """Confidence sets that hold however weak the instruments are.
 

@@ -202,8 +202,7 @@ def flight_findings(prepared: tuple[PreparedFlight, ...], words: quantity.Words)
         if not flight.active.mask.any():
             yield Finding("never_takes_off", f"{name} never {words.begins} (by {flight.active.rule}).")
         elif not flight.runs:
-            short = f"{name} has no three seconds in usable runs of a second or more."
-            yield Finding("no_usable_run", short)
+            yield Finding("no_usable_run", f"{name} has no three seconds in usable runs of a second or more.")
         channels = flight.recording.family(flight.input.name)
         samples = sum(channel.values.size for channel in channels)
         saturated = sum(channel.quality.saturated for channel in channels)
@@ -257,9 +256,7 @@ class Fit:
     def traces(self, motion: Motion[Any]) -> tuple[quantity.Trace, ...]:
         """Measured and predicted, each flight of a pool by its own parameters."""
         pool = self.pooled
-        if pool is None:
-            return motion.traces(self.problem, self.estimate)
-        return pooled_traces(motion, pool)
+        return motion.traces(self.problem, self.estimate) if pool is None else pooled_traces(motion, pool)
 
     @property
     def robust_sets(self) -> dict[str, ConfidenceSet]:
@@ -388,9 +385,7 @@ class FlightEstimate:
     @property
     def window_s(self) -> tuple[float, float] | None:
         """First and last second used [s]; None when there is none, or several logs are pooled."""
-        if len(self.prepared) != 1 or not self.prepared[0].runs:
-            return None
-        return self.prepared[0].span_s
+        return None if len(self.prepared) != 1 or not self.prepared[0].runs else self.prepared[0].span_s
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of a quantity.

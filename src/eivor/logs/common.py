@@ -69,9 +69,7 @@ _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]")
 def element_of(name: str, columns: Sequence[str]) -> tuple[str, int] | None:
     """Return the column and the place that a name means; None for a column of its own, or of none."""
     match = _ELEMENT.fullmatch(name)
-    if match is None or name in columns or match[1] not in columns:
-        return None
-    return match[1], int(match[2])
+    return None if match is None or name in columns or match[1] not in columns else (match[1], int(match[2]))
 
 
 _WRONG = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, AssertionError, NameError)

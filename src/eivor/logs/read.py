@@ -313,8 +313,7 @@ def read_log(
             expected = f"a channel map only with logs whose columns have any names ({taking})"
             received = f"a channel map with the {chosen.label} '{file.name}'"
             raise UsageError(expected, received, f"Leave the map out: what a {chosen.label} holds is known.")
-        options = common.ReadOptions(channel_map, max_bytes)
-        return replace(chosen.read(file, options), sha256=sha256)
+        return replace(chosen.read(file, common.ReadOptions(channel_map, max_bytes)), sha256=sha256)
     except OSError as error:
         raise _unreadable(file, error) from error
 

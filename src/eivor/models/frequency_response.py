@@ -446,8 +446,7 @@ def frequency_response(
     checks.level(level)
     parts = _stretches(u if reference is None else reference, u, y)
     runs = _runs(parts, float(rate_hz), period_s)
-    longest = max(run.length_s for run in runs)
-    grid = _frequencies(frequency_hz, longest, float(rate_hz))
+    grid = _frequencies(frequency_hz, max(run.length_s for run in runs), float(rate_hz))
     if period_s is None:
         points = local_polynomials(runs, grid)
     else:

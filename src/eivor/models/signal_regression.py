@@ -51,8 +51,7 @@ def cross_fitted(
     for start, stop, excluded in zip(edges, [*edges[1:], values.shape[0]], products, strict=True):
         normal, right = np.split(whole - excluded, [design.shape[1]], axis=1)
         shrunk = SHRINKAGE * normal[0, 0] * np.diag(np.arange(normal.shape[0]) > 0)
-        solution = np.linalg.lstsq(normal + shrunk, right, rcond=None)[0]
-        predicted[start:stop] = design[start:stop] @ solution
+        predicted[start:stop] = design[start:stop] @ np.linalg.lstsq(normal + shrunk, right, rcond=None)[0]
     return predicted
 
 

@@ -130,8 +130,7 @@ class _Criterion:
         self, names: tuple[str, ...], drawn: Float[np.ndarray, "draws n"]
     ) -> Float[np.ndarray, " draws"]:
         """The criterion at many values of the parameters."""
-        columns = dict(zip(names, drawn.T[:, :, None], strict=True))
-        G, p = _responses(columns, self.s, self.known), self.points
+        G, p = _responses(dict(zip(names, drawn.T[:, :, None], strict=True)), self.s, self.known), self.points
         return np.asarray(np.sum(np.abs(p.output - G * p.input) ** 2 / self.power(G), axis=1))
 
     def power(self, G: Complex[np.ndarray, "*models f"]) -> Float[np.ndarray, "*models f"]:

@@ -73,8 +73,7 @@ def motion_of_model(model_name: str, vehicle: Any = None) -> Motion[Any]:
 
 def name_of_model(model_name: str) -> str:
     """Name of the motion of a model; the model's own where no motion is known to have it."""
-    words = {loaded_motion(name).words.model: name for name in _OWN}
-    return words.get(model_name, model_name)
+    return {loaded_motion(name).words.model: name for name in _OWN}.get(model_name, model_name)
 
 
 @cache

@@ -154,12 +154,11 @@ class Channel:
 
     def silences(self) -> list[tuple[float, float]]:
         """Gaps [s] that are longer than `SILENCE_S`."""
-        longest = float(np.diff(self.time_s).max()) if self.time_s.size > 1 else 0.0
-        return self.gaps(at_least_s=SILENCE_S) if longest > SILENCE_S else []
+        return self.gaps(at_least_s=SILENCE_S)
 
     def gaps(self, factor: float = 5.0, at_least_s: float = 0.1) -> list[tuple[float, float]]:
         """Intervals [s] without a sample, longer than `factor` median steps and than `at_least_s`."""
-        if self.time_s.size < 2:
+        if self.time_s.size < 2 or np.diff(self.time_s).max() <= at_least_s:
             return []
         # differences twice: one array of a channel's length at a time
         usual = float(np.median(np.diff(self.time_s), overwrite_input=True))

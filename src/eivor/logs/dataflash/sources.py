@@ -216,8 +216,7 @@ class MessageReading:
             (time.min(), time.max()) for table in tables.values() if table.clock for time in [table.time_s()]
         ]
         start = min((float(first) for first, _ in ends), default=0.0)
-        end = max((float(last) for _, last in ends), default=0.0)
-        return cls(tables, parameters, findings, start, end)
+        return cls(tables, parameters, findings, start, max((float(last) for _, last in ends), default=0.0))
 
     def part(self, start_s: float, end_s: float, step_s: float) -> MessageReading:
         """Return a reading of the messages of a part of the log, on the same clock."""

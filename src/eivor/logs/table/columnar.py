@@ -390,8 +390,7 @@ def open_matlab(file: Path, max_bytes: int) -> delimited.TableSource:
 
     most = common.most_cells(file.stat().st_size, max_bytes)
     limit = DECODER_BYTES + BYTES_PER_CELL * most
-    requested = {"kinds": _MATLAB_KINDS, "most": most}
-    decode_in_child(file, _MATLAB_CODE, requested, limit, "a MATLAB file")
+    decode_in_child(file, _MATLAB_CODE, {"kinds": _MATLAB_KINDS, "most": most}, limit, "a MATLAB file")
     try:
         known = [item for item in whosmat(file) if item[2] in _MATLAB_KINDS]
         _check_cells(file, sum(math.prod(shape) for _, shape, _ in known), max_bytes)

@@ -164,9 +164,7 @@ def _usefulness(topic: Topic) -> int:
     """How much of what the topic is for is there: connected batteries, moving outputs."""
     if topic.name == "battery_status" and "connected" in topic.fields:
         return int(np.any(topic.fields["connected"] != 0))
-    if topic.name == "actuator_outputs":
-        return len(varying_fields(topic, "output"))
-    return 0
+    return len(varying_fields(topic, "output")) if topic.name == "actuator_outputs" else 0
 
 
 #: Topics with the time of satellites, the preferred one first.
@@ -199,8 +197,7 @@ def _start(topic: Topic | None, start: np.uint64) -> datetime | None:
     dated = utc > 0.0
     if not dated.any():
         return None
-    since = since_start(topic.fields["timestamp"], start)
-    return utc_time(float(np.median(utc[dated] - since[dated])))
+    return utc_time(float(np.median(utc[dated] - since_start(topic.fields["timestamp"], start)[dated])))
 
 
 def since_start(stamps: np.ndarray, start: np.ndarray | np.uint64) -> Float[np.ndarray, " n"]:
@@ -461,15 +458,11 @@ class _Reading:
             return
         side = CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN
         known = {"estimated": source.estimated, "delay_s": self.delays_s[source.topic]}
-        setpoint = source.is_setpoint
-        self.put(name, source.topic, values, source.label, side, is_setpoint=setpoint, **known)
+        self.put(name, source.topic, values, source.label, side, is_setpoint=source.is_setpoint, **known)
 
 
 def read_topics(
-    topics: Mapping[str, Topic],
-    start: np.uint64,
-    parameters: Mapping[str, float],
-    findings: list[Finding],
+    topics: Mapping[str, Topic], start: np.uint64, parameters: Mapping[str, float], findings: list[Finding]
 ) -> dict[str, Channel]:
     """Return all channels that topics hold."""
     delays = {name: topic_delays(topic, parameters) for name, topic in topics.items()}

@@ -247,10 +247,7 @@ PARTS = (
     verdict.disagreement_part((*LAGS, DELAY.name, *TERMS)),
     *verdict.clock_parts((*LAGS, DELAY.name), (*EFFECTS, "yaw_reaction")),
     verdict.SystematicPart(
-        (*LAGS, DELAY.name, *TERMS),
-        quantity.Counts.ADDED,
-        _second_stage,
-        _second_stage_sentence,
+        (*LAGS, DELAY.name, *TERMS), quantity.Counts.ADDED, _second_stage, _second_stage_sentence
     ),
     verdict.SystematicPart(LAGS, quantity.Counts.ADDED, lambda *_: ROTOR_LAG_S, f"{ROTORS}lag by 1 ms."),
     verdict.SystematicPart(

@@ -104,8 +104,7 @@ class Comparison:
         power = np.maximum((np.abs(turned) ** 2).sum(axis=(0, 2)), 1e-300)
         reverse = power / np.maximum((turned * derived.conj()).real.sum(axis=(0, 2)), 1e-9 * power)
         turns = [0.5 * (matrix[b, a] / scales[a] - matrix[a, b] / scales[b]) for a, b in PAIRS]
-        biases = np.median(self.means[stretches], axis=0)
-        return np.array([offset, *scales, *reverse, *biases, *turns])
+        return np.array([offset, *scales, *reverse, *np.median(self.means[stretches], axis=0), *turns])
 
     @cached_property
     def estimates(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:

@@ -352,8 +352,7 @@ def refined(
 ) -> tuple[LaggedRuns, Estimate]:
     """With the structure that the flights show, and one inertia of the rotors where they identify it."""
     problem, estimate, left_out = refined_structure(problem, solve(problem), solve)
-    linked = verdict.refined_rotor_inertia(problem, estimate, solve)
-    problem, estimate = refined_band(*linked, solve)
+    problem, estimate = refined_band(*verdict.refined_rotor_inertia(problem, estimate, solve), solve)
     return problem, replace(estimate, left_out=left_out)
 
 

@@ -55,10 +55,7 @@ def _longest_run(flight: PreparedFlight) -> PreparedFlight:
 
 
 def _gains(
-    flight: VerticalFlight,
-    motion: VerticalMotion,
-    prepared: PreparedFlight,
-    limits: Sequence[CommandLimit],
+    flight: VerticalFlight, motion: VerticalMotion, prepared: PreparedFlight, limits: Sequence[CommandLimit]
 ) -> Float[np.ndarray, "blocks k"]:
     """By how much each limit makes the squared innovations of the force balance smaller than none does.
 
@@ -97,8 +94,7 @@ def _gains(
 
 def _whitening(residual: Float[np.ndarray, " n"], order: int) -> Float[np.ndarray, " p"]:
     """Filter that leaves of a residual its innovations, by Yule and Walker."""
-    power = np.abs(np.fft.rfft(residual, 2 * residual.size)) ** 2
-    correlation = np.fft.irfft(power)[: order + 1]
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(residual, 2 * residual.size)) ** 2)[: order + 1]
     correlation[0] *= 1.0 + 1e-9
     return np.append(1.0, -scipy.linalg.solve_toeplitz(correlation[:-1], correlation[1:]))
 

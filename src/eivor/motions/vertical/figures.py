@@ -150,8 +150,7 @@ def _vibration(flight: PreparedFlight) -> Iterator[KeyFigure]:
     mean = float(squares.mean())
     ends = math.sqrt(max(mean - half, 0.0)), math.sqrt(mean + half)
     band = f"{VIBRATION_HZ:.0f} to {0.5 * rate:.0f} Hz, all axes, as logged."
-    words = "vibration of the accelerometer (rms)"
-    yield KeyFigure("vibration", words, math.sqrt(mean), "m/s^2", ends, band)
+    yield KeyFigure("vibration", "vibration of the accelerometer (rms)", math.sqrt(mean), "m/s^2", ends, band)
     peak = float(frequency[above][np.argmax(power.mean(axis=0))])
     folded = "What is quicker than half the logging rate is folded below it."
     yield KeyFigure("vibration_peak", "peak of the vibration", peak, "Hz", None, folded)

@@ -217,8 +217,7 @@ def simple_models(problem: VerticalFlights, estimate: Estimate) -> dict[str, Sim
 
 def predictions(problem: VerticalFlights, values: Values) -> tuple[PredictedQuantity, ...]:
     """Vertical acceleration one step ahead, and climb rate in open loop."""
-    index = {nuisance.name: values[nuisance.name] for nuisance in problem.nuisances}
-    rows = problem.rows(index)
+    rows = problem.rows({nuisance.name: values[nuisance.name] for nuisance in problem.nuisances})
     ahead = rows.response, rows.regressors @ np.array([values[item.name] for item in rows.parameters])
     velocities = [flight.cut(flight.velocity[:, None]) for flight in problem.flights]
     measured = np.concatenate([run[:, 0] for runs in velocities for run in runs])
