@@ -359,7 +359,7 @@ def test_interval_is_that_of_scipy(hits, count, level):
 def test_streams_are_those_of_the_seed_sequence():
     numbers = (0, 1, 5, 10_000_000 - 1)
     for seed, place in ((0, 0), (7, 3), (2**31, 1), (2**130 + 5, 2)):
-        for number, rng in zip(numbers, streams(seed, numbers, place), strict=True):
+        for number, rng in zip(numbers, streams(seed, numbers, (place,)), strict=True):
             spawned = np.random.Generator(
                 np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(number, place)))
             )

@@ -45,11 +45,15 @@ class SeededState(np.random.bit_generator.ISeedSequence):
         return self.words.view(dtype)[:n_words]
 
 
-def streams(seed: int, numbers: Sequence[int], part: int) -> Iterator[np.random.Generator]:
-    """Generators `stream(seed, number, place)`, seeded all at once."""
+def streams(seed: int, numbers: Sequence[int], parts: Sequence[int]) -> Iterator[np.random.Generator]:
+    """Generators `stream(seed, number, part)` of each number, part by part, seeded all at once."""
     words = [seed >> shift & 0xFFFFFFFF for shift in range(0, max(seed.bit_length(), 97), 32)]
-    entropy = np.array([np.full(len(numbers), word) for word in (*words, 0, part)], dtype=np.uint32)
-    entropy[-2] = numbers
+    entropy = np.empty((len(words) + 2, len(parts) * len(numbers)), dtype=np.uint32)
+    entropy[:-2].T[:], entropy[-2], entropy[-1] = (
+        words,
+        np.tile(numbers, len(parts)),
+        np.repeat(parts, len(numbers)),
+    )
     (first, second), hashed = np.array(MIX, dtype=np.uint32), _hash(*POOL_HASH)
     pool = [hashed(word) for word in entropy[:4]]
     pairs: list[tuple[Any, int, int]] = [(pool, i, j) for i in range(4) for j in range(4) if i != j]
@@ -206,11 +210,12 @@ class DifferenceEquation(Experiment):
             return None
         is_builtin = type(self.excitation).__module__ == Excitation.__module__ and self.disturbance is None
         drawn = [] if is_builtin else [[stream(seed, number, i) for i in (0, 1)] for number in numbers]
-        channels = self._true(drawn or ([each] for each in streams(seed, numbers, 0)))
-        for source, (name, series) in enumerate(channels.items(), start=2):
-            if white[source - 2].std:
-                for index, each in enumerate(streams(seed, numbers, source)):
-                    series[index] += noise[name].sample(self.samples, each)
+        noisy = [source for source, name in enumerate(SOURCES) if name in noise and noise[name].std]
+        made = streams(seed, numbers, noisy if drawn else (0, *noisy))
+        channels = self._true(drawn or ([next(made)] for _ in numbers))
+        for name in (SOURCES[source] for source in noisy):
+            for series in channels[name]:
+                np.add(series, noise[name].sample(self.samples, next(made)), out=series)
         first = {name: series[0] for name, series in channels.items()}
         return Signals(self.rate_hz, first, noise=noise), channels
 
