@@ -33,7 +33,8 @@ def kind(
 
 def text(name: str, value: object) -> None:
     """Refuse what is no text."""
-    kind(name, value, str, "text")
+    if not isinstance(value, str):
+        kind(name, value, str, "text")
 
 
 def index_of(what: str, name: str, known: Iterable[str], remedy: str = "Name one of them.") -> int:
@@ -48,6 +49,8 @@ def index_of(what: str, name: str, known: Iterable[str], remedy: str = "Name one
 
 def number(name: str, value: object) -> None:
     """Refuse what is no real number, and whole ones beyond the largest double; NaN and infinity are some."""
+    if type(value) is float:
+        return
     if isinstance(value, bool):
         raise UsageError(f"a number for {name}", described(value), "Correct the call.")
     kind(name, value, NUMBERS, "a number")
@@ -57,9 +60,8 @@ def number(name: str, value: object) -> None:
 
 def whole(name: str, value: object) -> None:
     """Refuse what is no whole number, and what no count of anything can be."""
-    if isinstance(value, bool):
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise UsageError(f"a whole number for {name}", described(value), "Correct the call.")
-    kind(name, value, (int, np.integer), "a whole number")
     if isinstance(value, int) and abs(value) > LARGEST_WHOLE:
         raise UsageError(f"a whole number below 9.2e18 for {name}", described(value), "Correct the call.")
 

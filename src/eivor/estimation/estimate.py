@@ -283,10 +283,10 @@ class Estimate:
             reasons.append(Reason(Status.PROVISIONAL, "A direct method is biased in closed loop."))
         return verdict(reasons).status
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Name of each joint parameter."""
-        return tuple(p.name for p in self.joint_parameters)
+        return tuple([p.name for p in self.joint_parameters])
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -296,7 +296,7 @@ class Estimate:
     @property
     def parameters(self) -> dict[str, float]:
         """Value of each joint parameter ."""
-        return {name: float(value) for name, value in zip(self.names, self.values, strict=True)}
+        return dict(zip(self.names, self.values.tolist(), strict=True))
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
@@ -434,15 +434,13 @@ def estimating_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquatio
     """Estimating equation of a solution, in coordinates in which its sensitivity is triangular."""
     columns, shrinkage = estimate.nuisance_columns, estimate.solution.shrinkage
 
-    def augmented() -> Iterable[RowBlock]:
+    def augmented() -> Iterator[RowBlock]:
         """Blocks with the columns of nuisances beside the regressors: all rows are one block then."""
-        made = (block for block in blocks() if block.response.size)
-        if not columns.size:
-            return made
-        return (replace(block, regressors=np.column_stack([block.regressors, columns])) for block in made)
+        for block in blocks():
+            yield replace(block, regressors=np.column_stack([block.regressors, columns]))
 
     make = _moment_equation if estimate.assembler.moment_equations else _direct_equation
-    equation = make(estimate, augmented)
+    equation = make(estimate, augmented if columns.size else blocks)
     move = estimate.discretisation
     if shrinkage is not None:
         move = np.pad(shrinkage.shift, (0, columns.shape[1])) + (0.0 if move is None else move)
@@ -451,8 +449,9 @@ def estimating_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquatio
 
 def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
     assembler, count, factor, A = estimate.assembler, estimate.count, estimate.factor, estimate.system.matrix
-    known, theta, constant = estimate.prior_rows(), estimate.theta, estimate.constant
-    if estimate.nuisance_columns.size:
+    known, theta, constant, unit = estimate.known, estimate.theta, estimate.constant, 0.0
+    searched = estimate.nuisance_columns.size > 0
+    if searched:
         linear, whole = A, next(iter(blocks()))
         A = assembler.test_functions(whole).T @ whole.regressors / count
         A[: linear.shape[0], : linear.shape[1]] = linear
@@ -460,39 +459,37 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
         constant = np.pad(constant, (0, A.shape[0] - linear.shape[0]))
     if factor is not None:
         A = scipy.linalg.solve_triangular(factor, A, lower=True)
-    unit = estimate.row_power() * estimate.residual_variance() if known.size else 0.0
-    stacked = np.vstack([A, np.sqrt(unit / count) * known])
+    stacked = A
+    if known.size:
+        known, unit = estimate.prior_rows(), estimate.row_power() * estimate.residual_variance()
+        stacked = np.vstack([A, np.sqrt(unit / count) * known])
     lengths = row_lengths(stacked)[:, None]  # as many equations as unknowns: coordinates without their units
-    combinations, R = np.linalg.qr(stacked / lengths)
+    combinations, R = linalg.orthogonal_factors(stacked / lengths)
     root = (combinations * lengths).T @ stacked
     combinations, pseudo = (combinations / lengths)[: len(A)], (combinations / lengths)[len(A) :]
     if factor is not None:
         combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
     combined = constant @ combinations
 
-    def tested() -> Iterator[Callable[[], RowBlock]]:
-        """For each block, a function that makes it with combinations of test functions as instruments."""
-        problem = estimate.problem
-        plain = not estimate.nuisance_columns.size and assembler.needs_instruments
-        if plain and equations.lags_without_gaps(problem):
-            for ends in linalg.row_blocks(problem.first, problem.signals.sample_count, linalg.COPIED_ROWS):
-                yield partial(equations.filtered_instruments, problem, combinations, *ends)
-            return
-        for block in blocks():
-            # Columns stay contiguous, as those of a block are.
-            psi = (combinations.T @ assembler.test_functions(block).T).T
-            yield partial(replace, block, instruments=psi)
-
-    def in_coordinates(made: Callable[[], RowBlock]) -> EquationRows:
-        block = made()
+    def in_coordinates(block: RowBlock) -> EquationRows:
         residual = block.response - block.regressors @ theta
         scores = block.instruments * residual[:, None]
         scores += combined
         return EquationRows(block.instruments, residual, scores, block.flights, combined)
 
+    def rows() -> Iterator[EquationRows]:
+        """Rows with combinations of test functions as instruments, whose columns stay contiguous."""
+        problem = estimate.problem
+        if not searched and assembler.needs_instruments and equations.lags_without_gaps(problem):
+            ends = linalg.row_blocks(problem.first, problem.signals.sample_count, linalg.COPIED_ROWS)
+            make = partial(equations.filtered_instruments, problem, combinations)
+            return linalg.made_ahead(lambda stretch: in_coordinates(make(*stretch)), ends)
+        psi = assembler.test_functions
+        tested = (replace(block, instruments=(combinations.T @ psi(block).T).T) for block in blocks())
+        return linalg.made_ahead(in_coordinates, tested)
+
     prior = np.sqrt(unit * count) * pseudo
-    rows = partial(linalg.made_ahead, in_coordinates)
-    return EstimatingEquation(root, count * R, round(count), lambda: rows(tested()), prior.T @ prior)
+    return EstimatingEquation(root, count * R, round(count), rows, prior.T @ prior)
 
 
 def _direct_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:

@@ -15,6 +15,7 @@ from eivor import checks
 from eivor.errors import (
     CollinearError,
     ConvergenceError,
+    EivorError,
     EstimationError,
     InstrumentError,
     TooFewSamplesError,
@@ -183,14 +184,17 @@ def check_freedom(rows: int | float, unknowns: int) -> None:
         raise TooFewSamplesError(expected, f"{rows:g}", "Give a longer record.")
 
 
-def check_rank(system: LinearSystem, names: Sequence[str]) -> None:
+#: Equations of a smaller condition number have full rank, however many they are.
+DOUBTFUL_CONDITION = 1e6
+
+
+def check_rank(system: LinearSystem, parameters: Sequence[Parameter]) -> None:
     """Refuse moment equations that rounding alone keeps from being singular."""
     A = system.matrix
     scaled = A * column_scale(A) / row_lengths(A)[:, None]
     singular, still = np.linalg.svd(scaled, compute_uv=False), not A.any(axis=0).all()
     if still or lost_to_rounding(singular, max(A.shape)):
-        shares = np.abs(np.linalg.svd(scaled)[2][-1])
-        alike = " and ".join(name for name, share in zip(names, shares, strict=False) if share > LEAST_SHARE)
+        alike = _in_smallest(scaled, parameters)
         raise InstrumentError(
             "instruments that move every regressor in a way of its own",
             f"equations of numerical rank below {A.shape[1]}{alike and f', by the columns of {alike}'}",
@@ -212,23 +216,18 @@ def check_instruments(rows: Regression, nuisances: int, method: str) -> None:
 SAME_COLUMN = 1e-9
 
 
-def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
-    """Conditional first-stage F of each regressor; None when the moments do not identify."""
-    if not isinstance(moments, CrossMoments):
-        return None
-    cross, regressors = moments.equations[:, :-1], moments.columns[:-1, :-1]
+def first_stage_strengths(moments: CrossMoments) -> Float[np.ndarray, " n"]:
+    """Conditional first-stage F of each regressor."""
+    mean, p = moments.products.mean, moments.products.tested
     shared = None if moments.noise is None else moments.noise[:, :-1]
-    return first_stage_of_products(moments.instruments, cross, regressors, moments.rows, shared)
+    return first_stage_of_products(mean[:p, :p], mean[:p, p:-1], mean[p:-1, p:-1], moments.rows, shared)
 
 
-def weak_instruments(moments: Moments, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
-    """Reasons for the status weak, reported as a warning too; none when strength is not known."""
-    strengths = first_stage_strengths(moments)
-    if strengths is None:
-        return ()
+def weak_instruments(
+    strengths: Float[np.ndarray, " n"], parameters: tuple[Parameter, ...]
+) -> tuple[Reason, ...]:
+    """Reason for the status weak, reported as a warning too."""
     weakest = int(np.argmin(strengths))
-    if strengths[weakest] >= STRONG_FIRST_STAGE:
-        return ()
     reason = Reason(
         Status.WEAK,
         f"The instruments hardly move the regressor of {parameters[weakest].name}: first-stage F is "
@@ -241,13 +240,11 @@ def weak_instruments(moments: Moments, parameters: tuple[Parameter, ...]) -> tup
     return (reason,)
 
 
-def overstated_noise(moments: Moments, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
+def overstated_noise(
+    moments: CrossMoments, noise: Float[np.ndarray, "p n"], parameters: tuple[Parameter, ...]
+) -> tuple[Reason, ...]:
     """Reasons for the status weak where more noise is taken out of a column than there is of it."""
-    if not isinstance(moments, CrossMoments) or moments.noise is None:
-        return ()
-    cross, noise = moments.equations[:, :-1], moments.noise[:, :-1]
-    beyond = np.argwhere(noise * np.sign(cross) >= np.abs(cross)).tolist()
-    powers = np.diag(moments.instruments), np.diag(moments.columns)
+    cross, powers, p = moments.equations[:, :-1], moments.products.mean.diagonal(), moments.products.tested
     return tuple(
         Reason(
             Status.WEAK,
@@ -256,8 +253,8 @@ def overstated_noise(moments: Moments, parameters: tuple[Parameter, ...]) -> tup
             " times its root mean square.",
             "Declare a smaller noise, or use instruments that share none of it.",
         )
-        for row, column in beyond
-        if cross[row, column] ** 2 >= (1.0 - SAME_COLUMN) * powers[0][row] * powers[1][column] > 0.0
+        for row, column in zip(*np.nonzero(noise * cross >= cross * cross), strict=True)
+        if cross[row, column] ** 2 >= (1.0 - SAME_COLUMN) * powers[row] * powers[p + column] > 0.0
     )
 
 
@@ -301,48 +298,53 @@ class LinearMethod(Method):
             return _linearised_estimate(self, problem)
         if isinstance(problem, SeparableProblem):
             return _separable_estimate(self, problem)
-        if isinstance(problem, ProblemMoments):
-            solved = self.solve_moments(problem.moments, check=True)
-        else:
-            solved = self.solve(problem, check=True)
-        return _plain_estimate(self, solved, problem.parameters)
+        if isinstance(problem, LinearProblem):
+            return _plain_estimate(self, self.solve(problem, check=True))
+        solved = self.solve_moments(problem.moments, check=True)
+        return _plain_estimate(self, replace(solved, joint_parameters=problem.parameters))
 
     def moments(self, problem: LinearProblem) -> Moments:
         """Summary of rows that the equations, every weighting of them and the instruments' strength need."""
         return self.assembler.moments(problem)
 
     def solve(self, problem: LinearProblem, *, check: bool = False) -> Estimate:
-        return self.solve_moments(self.moments(problem), problem, check=check)
+        return self.solve_moments(self.assembler.moments(problem), problem, check=check)
 
     def solve_moments(
         self, moments: Moments, problem: LinearProblem | None = None, *, check: bool = False
     ) -> Estimate:
         """Solve for the linear parameters; `check` that moments determine them and leave a residual."""
-        spectra = isinstance(problem, Regression) and isinstance(problem.layout, BinRows)
-        if self.row_weighting.needs_spectra and not spectra:
+        if self.row_weighting.needs_spectra and not (
+            isinstance(problem, Regression) and isinstance(problem.layout, BinRows)
+        ):
             expected = "a flight, whose runs have spectra, for a method with spectral whitening"
             remedy = "Use identify_flight, or another method."
             raise UsageError(expected, "a regression of plain rows", remedy)
         system = self.assembler.system(moments)
+        parameters = () if problem is None else problem.parameters
         if check:
             check_freedom(moments.rows, system.matrix.shape[1])
-            if self.assembler.moment_equations:
-                check_rank(system, [] if problem is None else [item.name for item in problem.parameters])
+            check = self.assembler.moment_equations
         theta: Float[np.ndarray, " n"] | None = None
-        for _ in range(self.equation_weighting.passes):
-            weighted, factor = self.equation_weighting.equations(system, moments, problem, theta)
-            try:
+        try:
+            for _ in range(self.equation_weighting.passes):
+                weighted, factor = self.equation_weighting.equations(system, moments, problem, theta)
                 solution = self.solver.solve(weighted)
-            except CollinearError as error:
-                raise (error if problem is None else _collinear(system.matrix, problem.parameters)) from None
-            theta = solution.theta
+                theta = solution.theta
+        except EivorError as error:
+            if check:
+                check_rank(system, parameters)
+            if problem is None or not isinstance(error, CollinearError):
+                raise
+            raise _collinear(system.matrix, parameters) from None
+        if check and (factor is not None or solution.condition > DOUBTFUL_CONDITION):
+            check_rank(system, parameters)
         cross = moments if self.assembler.takes_out_own_noise else None
         if isinstance(cross, CrossMoments) and cross.noise is not None:
             # squares of the residual without the noise in it, of regressors that are instruments
             residual = cross.products.with_residual(solution.theta).power.sum()
             added = cross.shared_noise(solution.theta) - cross.noise[:, -1]
             solution = replace(solution, objective=float(residual - cross.rows * added @ solution.theta))
-        parameters = () if problem is None else problem.parameters
         return Estimate(
             self.assembler, self.solver, moments, problem, system, factor, solution, self.name, parameters
         )
@@ -357,16 +359,20 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
         check_instruments(first.rows(), len(problem.nuisances), method.name)
     start = nearly(problem, method.solve)
     candidate = refined_nuisances(problem, partial(method.solve, check=True), start)
-    return _plain_estimate(method, candidate, candidate.rows.parameters)
+    return _plain_estimate(method, candidate)
 
 
-def _plain_estimate(method: LinearMethod, candidate: Estimate, parameters: tuple[Parameter, ...]) -> Estimate:
-    reasons = (
-        *weak_instruments(candidate.moments, parameters),
-        *overstated_noise(candidate.moments, parameters),
-        *shrinkage_bias(candidate.solution, parameters),
-    )
-    made = replace(candidate, method=method.name, joint_parameters=parameters, met=reasons)
+def _plain_estimate(method: LinearMethod, made: Estimate) -> Estimate:
+    moments, parameters = made.moments, made.joint_parameters
+    met = () if made.solution.shrinkage is None else shrinkage_bias(made.solution, parameters)
+    if isinstance(moments, CrossMoments):
+        strengths = first_stage_strengths(moments)
+        if moments.noise is not None:
+            met = (*overstated_noise(moments, moments.noise[:, :-1], parameters), *met)
+        if not (strengths >= STRONG_FIRST_STAGE).all():
+            met = (*weak_instruments(strengths, parameters), *met)
+    if met:
+        made = replace(made, met=met)
     finer = None if made.problem is None else made.problem.finer
     return made if finer is None else _discretised(method, made, finer)
 
@@ -517,6 +523,12 @@ def nuisance_columns(
     return np.array(made).T if made else np.empty((0, 0))
 
 
+def _in_smallest(matrix: Float[np.ndarray, "m n"], parameters: Sequence[Parameter]) -> str:
+    """Names of the parameters in the combination that a matrix gives least of."""
+    pairs = zip(parameters, np.abs(np.linalg.svd(matrix)[2][-1]), strict=False)
+    return " and ".join(item.name for item, share in pairs if share > LEAST_SHARE)
+
+
 def _collinear(matrix: Float[np.ndarray, "m n"], parameters: Sequence[Parameter]) -> CollinearError:
     """The parameters whose columns do not move, or move alike, by their names."""
     names, lengths = [parameter.name for parameter in parameters], np.linalg.norm(matrix, axis=0)
@@ -527,10 +539,9 @@ def _collinear(matrix: Float[np.ndarray, "m n"], parameters: Sequence[Parameter]
             f"a column that is zero, of {', '.join(still)}",
             "Choose a window in which the channel moves, or leave the parameter out.",
         )
-    shares = np.abs(np.linalg.svd(matrix / lengths)[2][-1])
-    equal = [name for name, share in zip(names, shares, strict=True) if share > LEAST_SHARE]
+    equal = _in_smallest(matrix / lengths, parameters)
     return CollinearError(
         "linearly independent regressors",
-        f"those of {' and '.join(equal)}, of which one is a combination of the others",
+        f"those of {equal}, of which one is a combination of the others",
         "Give data in which they move independently, or leave one of the parameters out.",
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement, pairwise
@@ -57,9 +57,8 @@ def filtered_instruments(
         for index in range(0, tap.size, FAST_TAPS):
             some = tap[index : index + FAST_TAPS]
             psi[row] += np.correlate(reached[index : index + stop - start - 1 + some.size], some, "valid")
-    response = problem.columns_between([problem.equation.response], start, stop)[:, 0]
-    regressors = problem.columns_between(problem.regressor_columns, start, stop)
-    return RowBlock(response, regressors, psi.T, np.zeros(stop - start, dtype=np.int64))
+    rows = problem.columns_between(problem.columns[len(lags) :], start, stop)
+    return RowBlock(rows[:, -1], rows[:, :-1], psi.T, np.zeros(stop - start, dtype=np.int64))
 
 
 #: Blocks of time, unless there are many instruments; for each of those there are so many.
@@ -82,8 +81,7 @@ def block_count(rows: int, instruments: int) -> int:
 def products_of_signals(problem: SignalRegression, *, instruments: bool) -> Products:
     """Products of a problem's columns: in blocks of a long record, all of them together of any other."""
     psi = problem.instrument_columns if instruments else problem.regressor_columns
-    columns = (*problem.regressor_columns, problem.equation.response)
-    count, p = row_count(problem), len(psi)
+    columns, count, p = problem.columns[problem.instrument_count :], row_count(problem), len(psi)
     if problem.used is None and count >= LAGS_FOLDED_FROM and successive_lags(psi) is not None:
         blocks = block_count(count // FOLD, p) if instruments and count >= FOLDED_FROM else 1
         return _folded(problem, psi, columns, blocks)
@@ -208,7 +206,7 @@ def products_of(problem: LinearProblem, *, instruments: bool = True) -> Products
 def root_of_rows(problem: LinearProblem) -> tuple[int, Float[np.ndarray, "k n_plus_1"]]:
     """Number of rows and the triangular root of [phi y]."""
     if isinstance(problem, SignalRegression):
-        columns = (*problem.regressor_columns, problem.equation.response)
+        columns = problem.columns[problem.instrument_count :]
         root = np.empty((0, len(columns)))
         for start, stop in linalg.row_blocks(
             problem.first, problem.signals.sample_count, 4 * linalg.MULTIPLIED_ROWS
@@ -314,25 +312,14 @@ class Assembler(ABC):
 
     needs_instruments: bool  # Whether the problem must have instruments
     compensates = False  # Whether declared noises are taken out of the equations
+    moment_equations = True  # Whether the equations are mean cross-products, and not rows or their root
+    plain_products = False  # Whether the equations are mean(psi [phi' y]) and nothing else
+    takes_out_own_noise = False  # Whether regressors are their own instruments: their noise must be known
 
-    @property
-    def moment_equations(self) -> bool:
-        """True when the equations are mean cross-products, False when they are rows or their root."""
-        return self.needs_instruments or self.compensates
-
-    @property
-    def plain_products(self) -> bool:
-        """True when the equations are mean(psi [phi' y]) and nothing else."""
-        return self.needs_instruments and not self.compensates
-
-    @property
-    def takes_out_own_noise(self) -> bool:
-        """True when regressors are their own instruments, so that their noise must be known."""
-        return self.compensates and not self.needs_instruments
-
-    @abstractmethod
     def moments(self, problem: LinearProblem) -> Moments:
-        """Summary of the rows."""
+        """Summary of the rows; by default mean cross-products."""
+        noise = self.noise(problem)
+        return CrossMoments(products_of(problem, instruments=self.needs_instruments), noise)
 
     def check_noise(self, problem: LinearProblem) -> None:
         """Refuse instruments whose noise the rows share where the equations take none out."""
@@ -355,7 +342,8 @@ class Assembler(ABC):
         """Equations for the parameters; by default mean cross-products, less the noises' where it does so."""
         if not isinstance(moments, CrossMoments):
             raise _other_kind("cross moments", moments)
-        equations = moments.equations
+        p = moments.products.tested
+        equations = moments.products.mean[:p, p:]
         available, columns = equations.shape
         if available < columns - 1:
             expected = f"at least {columns - 1} instruments for {columns - 1} parameters"
@@ -366,7 +354,7 @@ class Assembler(ABC):
                 raise _other_kind("cross moments with the noises' covariance", moments)
             equations = equations - moments.noise
         if self.takes_out_own_noise:
-            _check_compensated(moments.equations[:, :-1], equations[:, :-1])
+            _check_compensated(moments.products.mean[:p, p:-1], equations[:, :-1])
         return linalg.LinearSystem(equations[:, :-1], equations[:, -1])
 
     def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
@@ -379,6 +367,7 @@ class Direct(Assembler):
     """The rows themselves are the equations: Phi theta = y, the paper's (9), (13). Never squared."""
 
     needs_instruments = False
+    moment_equations = False
 
     def moments(self, problem: LinearProblem) -> TriangularMoments:
         count, root = root_of_rows(problem)
@@ -395,9 +384,7 @@ class Instrumental(Assembler):
     """Mean cross-products with the instruments: Psi'Phi theta = Psi'y, the paper's (23)."""
 
     needs_instruments = True
-
-    def moments(self, problem: LinearProblem) -> CrossMoments:
-        return CrossMoments(products_of(problem), self.noise(problem))
+    plain_products = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -409,9 +396,9 @@ class Compensated(Assembler):
     needs_instruments: bool = True  # Use the problem's instruments, or the regressors
     compensates = True
 
-    def moments(self, problem: LinearProblem) -> CrossMoments:
-        noise = self.noise(problem)
-        return CrossMoments(products_of(problem, instruments=self.needs_instruments), noise)
+    @property
+    def takes_out_own_noise(self) -> bool:  # type: ignore[override]
+        return not self.needs_instruments
 
 
 def _check_compensated(moments: Float[np.ndarray, "n n"], compensated: Float[np.ndarray, "n n"]) -> None:

@@ -252,8 +252,8 @@ class JointCovariance:
     def matrix(self) -> Matrix:
         """Correlations of the leading part, with the largest of the standard errors on the diagonal."""
         leading = self.parts[0].matrix
-        largest = np.array([self.std_error(direction) for direction in np.eye(leading.shape[0])])
-        std_errors = np.sqrt(np.maximum(np.diag(leading), 0.0))
+        variances = [np.maximum(part.matrix.diagonal(), 0.0) for part in self.parts]
+        largest, std_errors = np.sqrt(np.max(variances, axis=0)), np.sqrt(variances[0])
         scale = np.divide(largest, std_errors, out=np.zeros(std_errors.size), where=std_errors > 0.0)
         return leading * np.outer(scale, scale)
 
@@ -261,15 +261,15 @@ class JointCovariance:
 def sandwich(M: Matrix, meat: Matrix) -> Matrix:
     """M^-1 meat M^-T without an explicit inverse."""
     # units apart by many powers of ten (a gain per squared rotor speed) must not pass for collinearity
-    columns = column_scale(M)
-    rows = column_scale((M * columns).T)
-    lapack = scipy.linalg.lapack
-    factor, pivots, half, singular = lapack.dgesv(rows[:, None] * M * columns, np.outer(rows, rows) * meat)
+    columns, lapack = column_scale(M), scipy.linalg.lapack
+    scaled = M * columns
+    rows = column_scale(scaled.T)[:, None]
+    factor, pivots, half, singular = lapack.dgesv(rows * scaled, rows * meat * rows.T)
     if singular:
         raise singular_sensitivity()
     covariance: Matrix = lapack.dgetrs(factor, pivots, half.T)[0]
     with np.errstate(over="ignore", invalid="ignore"):
-        result: Matrix = np.outer(columns, columns) * (0.5 * (covariance + covariance.T))
+        result: Matrix = columns[:, None] * columns * (0.5 * (covariance + covariance.T))
     if not bool((np.abs(result) <= LARGEST_VARIANCE).all()):
         raise singular_sensitivity()
     return result
@@ -305,16 +305,13 @@ SHORTEST_GROUP = 8
 
 def cosine_covariance(scores: Iterable[Block], count: int, averages: int = COSINE_AVERAGES) -> Matrix:
     """Covariance of the sum of autocorrelated scores. Performs no checks."""
-    sums = cosine_sums(scores, count, averages)
-    return np.asarray((2.0 / averages) * sums.T @ sums)
-
-
-def cosine_sums(scores: Iterable[Block], count: int, averages: int) -> Float[np.ndarray, "averages n"]:
-    """Sums of the scores times each cosine, sqrt(count/2) L. Performs no checks."""
     moments, middles, sums, start = [], [], [], 0
     step = np.pi * np.arange(1, averages + 1)[:, None] / count
     for block in scores:
         samples = block.shape[0]
+        if samples == count:
+            L = cosine_averages(block, averages)
+            return L.T @ L / averages
         longest = min(int(2.0 * LARGEST_ANGLE / step[-1, 0]), samples)
         length = 1 << max(longest.bit_length() - 1, 0)  # a block is a power of two as well: no rest
         groups = samples // length if length >= SHORTEST_GROUP else 0
@@ -332,7 +329,8 @@ def cosine_sums(scores: Iterable[Block], count: int, averages: int) -> Float[np.
         sums += [sign * term for sign, term in zip(SIGNS, series, strict=True)]
     if not sums:
         raise ValueError("no block of scores")
-    return np.asarray(sum(sums))
+    total = np.asarray(sum(sums))
+    return (2.0 / averages) * total.T @ total
 
 
 def cosine_averages(
@@ -372,8 +370,10 @@ class CovarianceEstimator(ABC):
             remedy = "Choose another covariance."
             raise UsageError(f"rows that {type(self).__name__} can use", "too few flights", remedy)
         # estimates that were moved have a bias as well: mean square errors
-        square = 0.0 if equation.move is None else np.outer(equation.move, equation.move)
-        return JointCovariance(tuple(replace(part, matrix=part.matrix + square) for part in parts))
+        if equation.move is not None:
+            square = np.outer(equation.move, equation.move)
+            parts = tuple(replace(part, matrix=part.matrix + square) for part in parts)
+        return JointCovariance(parts)
 
 
 def _part(

@@ -190,15 +190,13 @@ def products_of_rows(
     p, parts, counts = instruments.shape[1], (instruments, regressors, response[:, None]), np.diff(edges)
     width = p + regressors.shape[1] + 1
     sums = np.zeros((counts.size, width, width))
-    if counts.size and counts.mean() < SHORT_BLOCK:
-        # as many rows as all of them have, then each further row
-        columns, firsts = np.column_stack(parts), edges[:-1]
-        rows = columns[firsts[:, None] + np.arange(counts.min())]
-        np.matmul(rows.swapaxes(1, 2), rows, out=sums)
-        for row in range(counts.min(), counts.max()):
-            longer = np.flatnonzero(counts > row)
-            here = columns[firsts[longer] + row]
-            sums[longer] += here[:, :, None] * here[:, None, :]
+    if counts.size and counts.max() < SHORT_BLOCK:
+        # all blocks at once, as if they had rows of zeros that they lack
+        columns = np.zeros((len(response) + 1, width))
+        np.concatenate(parts, axis=1, out=columns[:-1])
+        row = edges[:-1, None] + np.arange(counts.max())
+        rows = columns[np.where(row < edges[1:, None], row, len(response))]
+        np.matmul(rows.swapaxes(1, 2).copy(), rows, out=sums)
         return Products(counts.astype(np.float64), sums, p)
     for k, ends in enumerate(pairwise(edges.tolist())):
         for stretch in row_blocks(*ends, MULTIPLIED_ROWS):

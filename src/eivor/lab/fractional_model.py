@@ -393,7 +393,7 @@ class FractionalRegression(LinearProblem):
         return len(self.instrument_columns)
 
     @property
-    def finer(self) -> FractionalRegression | None:
+    def finer(self) -> FractionalRegression | None:  # type: ignore[override]
         operator = self.filtered.operator.finer
         return None if operator is None else replace(self, filtered=replace(self.filtered, operator=operator))
 

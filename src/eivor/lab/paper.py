@@ -318,8 +318,8 @@ def estimates(
         both: list[LinearMethod] = [getattr(methods, name)() for name in METHODS[2 * pair : 2 * pair + 2]]
         moments = both[0].moments(problem)
         # As the status of an estimate says it.
-        strengths = first_stage_strengths(moments)
-        weak[2 * pair : 2 * pair + 2] = strengths is not None and strengths.min() < STRONG_FIRST_STAGE
+        if isinstance(moments, CrossMoments):
+            weak[2 * pair : 2 * pair + 2] = first_stage_strengths(moments).min() < STRONG_FIRST_STAGE
         as_read = _as_read(moments, reading.compensation)
         for index, method in enumerate(both):
             with suppress(EivorError):  # too few equations, or no unique solution: the method says nothing

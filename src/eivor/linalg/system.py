@@ -12,6 +12,7 @@ from itertools import chain, islice
 from typing import TypeVar
 
 import numpy as np
+import scipy
 
 from eivor import checks
 from eivor.errors import NonFiniteError, ShapeError, TooFewSamplesError
@@ -26,6 +27,8 @@ PASSED_ROWS = 16_384
 MULTIPLIED_ROWS = 32_768
 #: Rows of which a copy is made: so many that calls cost nothing, so few that the copy is small.
 COPIED_ROWS = 65_536
+#: Columns that LAPACK reduces at a time.
+BLOCKED = 32
 #: Fewer blocks are not worth threads.
 THREADED_FROM = 8
 
@@ -56,11 +59,17 @@ def made_ahead(make: Callable[[Block], Made], blocks: Iterable[Block]) -> Iterat
 
 def triangular_root(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
     """R of the QR factorisation of `rows`, k = min(m, n): R'R = rows' rows, and no condition is squared."""
-    if rows.shape[0] <= 2 * COPIED_ROWS:
-        return _reduced(rows)
-    root = _reduced(rows[:COPIED_ROWS])
-    for first, stop in row_blocks(COPIED_ROWS, rows.shape[0], COPIED_ROWS):
-        root = merged_roots(root, rows[first:stop])
+    m, n = rows.shape
+    if m > 2 * COPIED_ROWS:
+        root = rows[:0]
+        for first, stop in row_blocks(0, m, COPIED_ROWS):
+            root = merged_roots(root, rows[first:stop])
+        return root
+    if not rows.size:
+        return np.zeros((0, n))
+    root = np.array(scipy.linalg.lapack.dgeqrf(rows, lwork=BLOCKED * n)[0][:n], order="C")
+    for column in range(min(m - 1, n)):
+        root[column + 1 :, column] = 0.0
     return root
 
 
@@ -68,11 +77,25 @@ def merged_roots(
     first: Float[np.ndarray, "k n"], other: Float[np.ndarray, "m n"]
 ) -> Float[np.ndarray, "q n"]:
     """Root of two stacked blocks of rows, either of which may be a root itself."""
-    return _reduced(np.concatenate([first, other]))
+    return triangular_root(np.concatenate([first, other]))
 
 
-def _reduced(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+def orthogonal_factors(
+    rows: Float[np.ndarray, "m n"],
+) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "n n"]]:
+    """Q and R of at least as many rows as columns."""
+    factored, scales, _, _ = scipy.linalg.lapack.dgeqrf(rows)
+    return scipy.linalg.lapack.dorgqr(factored, scales)[0], np.triu(factored[: rows.shape[1]])
+
+
+def symmetric_eigen(
+    matrix: Float[np.ndarray, "n n"],
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
+    """Eigenvalues of a small symmetric matrix, ascending, and eigenvectors."""
+    values, vectors, failed = scipy.linalg.lapack.dsyevd(matrix, lower=True)
+    if failed:
+        raise np.linalg.LinAlgError("eigenvalues did not converge")
+    return values, vectors
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from abc import abstractmethod
 from dataclasses import dataclass
 
@@ -103,10 +104,10 @@ def column_lengths(matrix: Matrix) -> Vector:
     return lengths
 
 
-def row_lengths(matrix: Matrix) -> PerRow:
-    """Euclidean lengths of the rows of a square matrix whose columns are given unit length."""
+def row_lengths(matrix: Matrix) -> Float[np.ndarray, " m_or_one"]:
+    """Lengths of the rows of a square matrix whose columns are given unit length; of any other, a 1."""
     if matrix.shape[0] != matrix.shape[1]:
-        return np.ones(matrix.shape[0])
+        return np.ones(1)
     columns = np.einsum("ij,ij->j", matrix, matrix)
     rows = (matrix * matrix) @ (1.0 / np.where(columns > 0.0, columns, 1.0))
     return np.asarray(np.sqrt(np.where(rows > 0.0, rows, 1.0)))
@@ -114,7 +115,7 @@ def row_lengths(matrix: Matrix) -> PerRow:
 
 def smallest_singular_value(R: Square) -> tuple[float, float]:
     """Smallest singular value and condition number of the triangular factor of unit-length columns."""
-    singular = np.linalg.svd(R, compute_uv=False)
+    singular = scipy.linalg.lapack.dgesdd(R, compute_uv=False)[1]
     if lost_to_rounding(singular, R.shape[0]):
         expected = "linearly independent regressors"
         remedy = "Remove a column, or give data in which they move independently."
@@ -124,7 +125,7 @@ def smallest_singular_value(R: Square) -> tuple[float, float]:
 
 def lost_to_rounding(singular: Vector, size: int) -> bool:
     """Whether rounding takes more than its share of what a matrix of these singular values is solved for."""
-    return bool(singular[-1] * LARGEST_ROUNDING <= singular[0] * size * np.finfo(np.float64).eps)
+    return bool(singular[-1] * LARGEST_ROUNDING <= singular[0] * size * sys.float_info.epsilon)
 
 
 #: sigma_min([A b]) must lie below sigma_min(A) by this share.

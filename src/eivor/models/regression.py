@@ -183,19 +183,15 @@ class LinearProblem(ABC):
     """Anything that has rows ``y = Phi theta + e``: arrays, or signals that rows can be cut from."""
 
     parameters: tuple[Parameter, ...]
+    finer: LinearProblem | None = None  # The same with a smaller error of discretisation
 
     @property
     def names(self) -> tuple[str, ...]:
-        return tuple(parameter.name for parameter in self.parameters)
+        return tuple([parameter.name for parameter in self.parameters])
 
     @abstractmethod
     def rows(self) -> Regression:
         """Rows in arrays."""
-
-    @property
-    def finer(self) -> LinearProblem | None:
-        """The same with a smaller error of discretisation; None where there is none."""
-        return None
 
     @property
     @abstractmethod
@@ -239,15 +235,15 @@ class Regression(LinearProblem):
         When two parameters have one name, or an argument is of another type.
     """
 
-    response: PerRow  # y
-    regressors: Float[np.ndarray, "rows n"]  # Phi
-    instruments: Float[np.ndarray, "rows p"]  # Psi; zero columns when there are none
+    response: Float[np.ndarray, "..."]  # y, shape (rows,)
+    regressors: Float[np.ndarray, "..."]  # Phi, shape (rows, n)
+    instruments: Float[np.ndarray, "..."]  # Psi, shape (rows, p); zero columns when there are none
     parameters: tuple[Parameter, ...]  # One for each column of Phi
     layout: RowLayout = ONE_FLIGHT  # What the rows are. Default: samples of one flight.
-    #: Covariance of the measurement noises of [Phi y]
-    regressor_noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
-    #: Covariance of the noises of Psi with those of [Phi y]
-    instrument_noise: Float[np.ndarray, "p n_plus_1"] | None = None
+    #: Covariance of the measurement noises of [Phi y], shape (n + 1, n + 1)
+    regressor_noise: Float[np.ndarray, "..."] | None = None
+    #: Covariance of the noises of Psi with those of [Phi y], shape (p, n + 1)
+    instrument_noise: Float[np.ndarray, "..."] | None = None
 
     def __post_init__(self) -> None:
         for name in ("response", "regressors", "instruments", "regressor_noise", "instrument_noise"):
@@ -256,8 +252,7 @@ class Regression(LinearProblem):
                 object.__setattr__(self, name, checks.real_array(name, given))
         checks.items("parameters", self.parameters, Parameter, "Parameter")
         checks.kind("layout", self.layout, RowLayout, "a layout of rows", "SampleRows(flights) is one.")
-        _check_rows(self.response, self.regressors, self.instruments, self.names)
-        _check_noise(self.regressors, self.instruments, self.regressor_noise, self.instrument_noise)
+        _check(self)
         rows = self.response.size
         if self.layout is ONE_FLIGHT:
             object.__setattr__(self, "layout", SampleRows(np.zeros(rows, dtype=np.int64)))
@@ -304,9 +299,10 @@ def _declared(covariance: np.ndarray | None, of: str, remedy: str) -> np.ndarray
     return covariance
 
 
-def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: tuple[str, ...]) -> None:
+def _check(given: Regression) -> None:
+    y, Phi, Psi, names = given.response, given.regressors, given.instruments, given.names
     if y.ndim != 1 or Phi.ndim != 2 or Psi.ndim != 2:
-        expected = "a response of shape (rows,), and regressors and instruments with two dimensions"
+        expected = "a response of shape (rows,), and instruments and regressors with two dimensions"
         remedy = "Stack columns with numpy.column_stack."
         raise ShapeError(expected, f"shapes {y.shape}, {Phi.shape} and {Psi.shape}", remedy)
     rows, unknowns = Phi.shape
@@ -326,6 +322,16 @@ def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: tuple[st
         raise TooFewSamplesError(f"at least {unknowns} rows for {unknowns} unknowns", f"{rows}", remedy)
     for name, values in (("response", y), ("regressors", Phi), ("instruments", Psi)):
         check_finite(name, values)
+    specific, shared, available = given.regressor_noise, given.instrument_noise, Psi.shape[1]
+    if specific is not None:
+        check_covariance(specific, unknowns + 1)
+    if shared is not None:
+        if shared.shape != (available, unknowns + 1):
+            size, of = f"{available} x {unknowns + 1}", "the instruments' noises with those of"
+            remedy = "Its last column belongs to the response."
+            received = f"shape {shared.shape}"
+            raise ShapeError(f"a {size} covariance of {of} [regressors, response]", received, remedy)
+        check_finite("instrument noise covariance", shared)
 
 
 def check_finite(name: str, values: Float[np.ndarray, "..."]) -> None:
@@ -341,34 +347,16 @@ def check_finite(name: str, values: Float[np.ndarray, "..."]) -> None:
 
 def noise_of_surrogate(rows: Regression, noisier: Regression) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
     """Covariance of the noises in [Phi y], by rows that have so much more of all of them."""
-    regressors, response = noisier.regressors - rows.regressors, noisier.response - rows.response
-    added = np.column_stack([regressors, response])
+    added = np.column_stack([noisier.regressors - rows.regressors, noisier.response - rows.response])
     return added.T @ added / added.shape[0]
 
 
-def _check_noise(
-    Phi: np.ndarray, Psi: np.ndarray, specific: np.ndarray | None, shared: np.ndarray | None
-) -> None:
-    unknowns, available = Phi.shape[1], Psi.shape[1]
-    if specific is not None:
-        if specific.shape != (unknowns + 1, unknowns + 1):
-            expected = f"a {unknowns + 1} x {unknowns + 1} covariance of the noises of [regressors, response]"
-            remedy = "Its last row and column belong to the response."
-            raise ShapeError(expected, f"shape {specific.shape}", remedy)
-        check_covariance(specific)
-    if shared is not None:
-        if shared.shape != (available, unknowns + 1):
-            raise ShapeError(
-                f"a {available} x {unknowns + 1} covariance of the instruments' noises with those of "
-                "[regressors, response]",
-                f"shape {shared.shape}",
-                "Its last column belongs to the response.",
-            )
-        check_finite("instrument noise covariance", shared)
-
-
-def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
-    """Raise when a matrix is not a covariance."""
+def check_covariance(matrix: Float[np.ndarray, "..."], size: int) -> None:
+    """Raise when a matrix is not a covariance of the noises of so many columns."""
+    if matrix.shape != (size, size):
+        expected = f"a {size} x {size} covariance of the noises of [regressors, response]"
+        remedy = "Its last row and column belong to the response."
+        raise ShapeError(expected, f"shape {matrix.shape}", remedy)
     check_finite("covariance", matrix)
     if np.abs(matrix).max(initial=0.0) > LARGEST_VARIANCE:
         remedy = "Give columns and noises in other units; products of these no double can hold."
@@ -430,42 +418,15 @@ def regression(
     ShapeError, NonFiniteError, TooFewSamplesError, CovarianceError, UsageError
         See `Regression`.
     """
-    Phi = _columns("regressors", regressors)
-    y = checks.real_array("response", response)
-    if y.ndim != 1:
-        remedy = "Use .ravel() or choose a column."
-        raise ShapeError("a response of shape (rows,)", f"shape {y.shape}", remedy)
-    Psi = np.empty((Phi.shape[0], 0)) if instruments is None else _columns("instruments", instruments)
-    labels = _column_names(regressors) or tuple(f"theta_{j + 1}" for j in range(Phi.shape[1]))
+    y, Phi = checks.real_array("response", response), checks.real_array("regressors", regressors)
+    Psi = np.empty((y.size, 0)) if instruments is None else checks.real_array("instruments", instruments)
+    Phi, Psi = (columns[:, None] if columns.ndim == 1 else columns for columns in (Phi, Psi))
     if names is not None:
         checks.texts("names", names, "Give one name for each regressor.")
-        labels = tuple(names)
-    regressor_noise = None if noise_covariance is None else _matrix("noise_covariance", noise_covariance)
-    shared = None
-    if instrument_noise_covariance is not None:
-        shared = _matrix("instrument_noise_covariance", instrument_noise_covariance)
-    # Checked here as well as by `Regression`, whose annotated shapes presuppose it.
-    _check_rows(y, Phi, Psi, labels)
-    _check_noise(Phi, Psi, regressor_noise, shared)
-    parameters = tuple(Parameter(label) for label in labels)
-    return Regression(y, Phi, Psi, parameters, regressor_noise=regressor_noise, instrument_noise=shared)
-
-
-def _column_names(table: object) -> tuple[str, ...]:
-    names, name = (getattr(table, of, None) for of in ("columns", "name"))
-    if names is None:
-        return (name,) if isinstance(name, str) and name else ()
-    return tuple(str(item) for item in names)
-
-
-def _columns(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:
-    columns = checks.real_array(name, values)
-    return _matrix(name, columns[:, None] if columns.ndim == 1 else columns)
-
-
-def _matrix(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:
-    matrix = checks.real_array(name, values)
-    if matrix.ndim != 2:
-        remedy = "Stack columns with numpy.column_stack."
-        raise ShapeError(f"{name} with two dimensions", f"shape {matrix.shape}", remedy)
-    return matrix
+    elif (names := getattr(regressors, "columns", None)) is None:
+        name = getattr(regressors, "name", None)
+        numbered = [f"theta_{j + 1}" for j in range(Phi.shape[1])]
+        names = [name] if isinstance(name, str) and name else numbered
+    given = {"noise_covariance": noise_covariance, "instrument_noise_covariance": instrument_noise_covariance}
+    noises = [None if item is None else checks.real_array(name, item) for name, item in given.items()]
+    return Regression(y, Phi, Psi, tuple([Parameter(str(label)) for label in names]), ONE_FLIGHT, *noises)

@@ -166,27 +166,25 @@ class SignalRegression(LinearProblem):
     equation: Equation  # Response and regressors
     instrument_columns: tuple[Column, ...] = ()  # Instruments; may be empty
     parameters: tuple[Parameter, ...] = field(init=False)
+    #: Columns of the right side, all columns [psi phi y], and the sample of the first row
+    regressor_columns: tuple[Column, ...] = field(init=False, repr=False, compare=False)
+    columns: tuple[Column, ...] = field(init=False, repr=False, compare=False)
+    first: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         checks.kind("signals", self.signals, Signals, "Signals")
         checks.kind("equation", self.equation, Equation, "an Equation", "VerticalMotion().equation() is one.")
         check_columns("instrument_columns", self.instrument_columns)
-        object.__setattr__(self, "parameters", tuple(parameter for parameter, _ in self.equation.terms))
-
-    @property
-    def regressor_columns(self) -> tuple[Column, ...]:
-        """Columns of the right side."""
-        return tuple(column for _, column in self.equation.terms)
+        regressors = tuple([column for _, column in self.equation.terms])
+        columns = (*self.instrument_columns, *regressors, self.equation.response)
+        object.__setattr__(self, "parameters", tuple([parameter for parameter, _ in self.equation.terms]))
+        object.__setattr__(self, "regressor_columns", regressors)
+        object.__setattr__(self, "columns", columns)
+        object.__setattr__(self, "first", max([column.lag for column in columns]))
 
     @property
     def instrument_count(self) -> int:
         return len(self.instrument_columns)
-
-    @property
-    def first(self) -> int:
-        """Sample of the first row."""
-        columns = (self.equation.response, *self.regressor_columns, *self.instrument_columns)
-        return max(column.lag for column in columns)
 
     @cached_property
     def used(self) -> Bool[np.ndarray, " rows"] | None:
@@ -207,24 +205,21 @@ class SignalRegression(LinearProblem):
 
     @cached_property
     def _rows(self) -> Regression:
-        response, noise = self.column(self.equation.response), self.declared_noise()
-        Phi = self.columns_between(self.regressor_columns, self.first, self.signals.sample_count)
-        Psi = self.columns_between(self.instrument_columns, self.first, self.signals.sample_count)
-        return Regression(response, Phi, Psi, self.parameters, regressor_noise=noise)
+        p, count = self.instrument_count, self.signals.sample_count
+        rows = self.columns_between(self.columns, self.first, max(count, self.first))
+        noise = self.declared_noise()
+        return Regression(rows[:, -1], rows[:, p:-1], rows[:, :p], self.parameters, regressor_noise=noise)
 
     def rows(self) -> Regression:
         return self._rows
 
     def blocks(self, size: int = PASSED_ROWS) -> Iterator[RowBlock]:
-        """Rows of successive stretches of the signals; a stretch may have none where samples are invalid."""
+        """Rows of successive stretches of the signals that have some."""
+        p = len(self.instrument_columns)
         for start, stop in row_blocks(self.first, self.signals.sample_count, size):
-            response = self.columns_between([self.equation.response], start, stop)[:, 0]
-            yield RowBlock(
-                response,
-                self.columns_between(self.regressor_columns, start, stop),
-                self.columns_between(self.instrument_columns, start, stop),
-                np.zeros(response.size, dtype=np.int64),
-            )
+            rows = self.columns_between(self.columns, start, stop)
+            if rows.size:
+                yield RowBlock(rows[:, -1], rows[:, p:-1], rows[:, :p], np.zeros(len(rows), dtype=np.int64))
 
     def columns_between(
         self, columns: Sequence[Column], start: int, stop: int
@@ -240,10 +235,8 @@ class SignalRegression(LinearProblem):
     ) -> Float[np.ndarray, "samples columns"]:
         """Columns of all samples from `start` to `stop`, those among them that are no rows."""
         block = np.empty((len(columns), stop - start))
-        for index, column in enumerate(columns):
-            block[index] = self.slice_of(column, start, stop)
-            if column.gain != 1.0:
-                block[index] *= column.gain
+        for row, column in zip(block, columns, strict=True):
+            np.multiply(self.slice_of(column, start, stop), column.gain, out=row)
         return block.T
 
     def slice_of(self, column: Column, start: int, stop: int) -> Float[np.ndarray, " samples"]:
@@ -257,15 +250,15 @@ class SignalRegression(LinearProblem):
         return values
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        columns = (*self.regressor_columns, self.equation.response)
+        columns = self.columns[self.instrument_count :]
         return shared_noise(columns, columns, self.signals, self.first, self.used)
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        columns = (*self.regressor_columns, self.equation.response)
+        columns = self.columns[self.instrument_count :]
         return shared_noise(self.instrument_columns, columns, self.signals, self.first, self.used)
 
     def instruments_share_noise(self) -> bool:
-        others = (*self.regressor_columns, self.equation.response)
+        others = self.columns[self.instrument_count :]
         declared = {other.channel for other in others} & set(self.signals.noise)
         left = [column for column in self.instrument_columns if column.channel in declared]
         return bool(left) and bool(shared_noise(left, others, self.signals, self.first, self.used).any())

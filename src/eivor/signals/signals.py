@@ -59,11 +59,11 @@ class Signals:
         converted = {
             name: checks.real_array(f"channel '{name}'", values) for name, values in self.channels.items()
         }
-        lengths = {name: values.shape for name, values in converted.items()}
         mask = None if self.valid is None else _mask(self.valid)
-        shapes = set(lengths.values()) | (set() if mask is None else {mask.shape})
-        if len(shapes) != 1 or len(next(iter(shapes))) != 1 or not lengths:
+        shapes = {values.shape for values in (*converted.values(), *(() if mask is None else (mask,)))}
+        if len(shapes) != 1 or len(next(iter(shapes))) != 1 or not converted:
             expected = "at least one channel, and one-dimensional channels and mask of equal length"
+            lengths = {name: values.shape for name, values in converted.items()}
             received = f"shapes {lengths}" + ("" if mask is None else f" and a mask of shape {mask.shape}")
             raise ShapeError(expected, received, "Resample every channel to one grid first.")
         unknown = [name for name in self.noise if name not in converted]
