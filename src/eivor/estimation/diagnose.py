@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -23,7 +24,7 @@ from eivor.inference.estimating_equation import Products, block_edges, products_
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import MULTIPLIED_ROWS, row_blocks
 from eivor.linalg.total_least_squares import LeastSquares
-from eivor.models.regression import LinearProblem
+from eivor.models.regression import LinearProblem, Regression
 from eivor.models.signal_regression import SignalRegression
 from eivor.models.spectral import BinRows
 from eivor.tools import Float
@@ -70,8 +71,10 @@ def record_of(estimate: Estimate) -> Record:
 
 
 def _of_rows(estimate: Estimate) -> Record:
-    rows, theta, jacobian = estimate.rows, estimate.theta, estimate.jacobian
-    residual = estimate.residuals
+    problem, theta = estimate.problem, estimate.theta
+    rows = next(iter(problem.blocks(sys.maxsize))) if isinstance(problem, SignalRegression) else estimate.rows
+    residual = rows.response - rows.regressors @ theta
+    jacobian = np.column_stack([rows.regressors, *estimate.nuisance_columns.T])
     if estimate.assembler.moment_equations:
         psi = estimate.assembler.test_functions(rows)
     else:
@@ -79,13 +82,13 @@ def _of_rows(estimate: Estimate) -> Record:
         psi = jacobian + np.pad(correction.rows, ((0, 0), (0, jacobian.shape[1] - theta.size)))
     step_s, thinning, size, blocks = None, None, residual.size, (psi, jacobian, residual[:, None])
     parts, p, width = iter([(None, *blocks)]), psi.shape[1], psi.shape[1] + jacobian.shape[1] + 1
-    if isinstance(rows.layout, BinRows):
+    if isinstance(problem, SignalRegression):
+        step_s = problem.signals.step_s
+    elif isinstance(rows, Regression) and isinstance(rows.layout, BinRows):
         runs = rows.layout.runs
         parts = rows.layout.series(*(block / np.sqrt(2.0) for block in blocks))
         step_s, size = runs[0].step_s, sum(run.length for run in runs)
         thinning = max(int(0.5 / (step_s * max(run.band_hz[1] for run in runs))), 1)
-    elif isinstance(estimate.problem, SignalRegression):
-        step_s = estimate.problem.signals.step_s
     edges, start = block_edges(size, block_count(size, p)), 0
     sums, kept = np.zeros((edges.size - 1, width, width)), np.empty((theta.size + 1, size))
     for _, psi, jacobian, errors in parts:
@@ -235,7 +238,7 @@ class Diagnostics:
         record, products = self.record, self.record.products
         theta = np.abs(self.estimate.theta)
         # The products settle it without a pass: no value is above the root of its sum of squares.
-        roots = np.sqrt(np.diag(products.regressor_mean)[: theta.size])
+        roots = np.sqrt(products.regressor_mean.diagonal()[: theta.size])
         if float(products.power.sum()) > (ROUNDING * products.count * float(theta @ roots)) ** 2:
             return False
         parts = zip(record.factors, record.columns, strict=True)
@@ -245,9 +248,8 @@ class Diagnostics:
     @cached_property
     def subject(self) -> Subject:
         """The estimate, as the sentences of its diagnostics name it."""
-        names = self.estimate.names
-        errors = np.array([self.estimate.std_error(name) for name in names])
-        return Subject(names, errors, self.at_row, self.record.residual.size)
+        errors = np.sqrt(self.estimate.covariance.diagonal())
+        return Subject(self.names, errors, self.at_row, self.record.residual.size)
 
     def at_row(self, row: int) -> str:
         """Where a row is: in seconds and samples of a record, gaps and first lags counted, else as it is."""
@@ -287,7 +289,7 @@ class Diagnostics:
         if not self.testable:
             return None
         estimate = self.estimate
-        of_rows = not isinstance(estimate.moments, CrossMoments) or isinstance(estimate.rows.layout, BinRows)
+        of_rows = not isinstance(estimate.moments, CrossMoments) or self.in_frequency
         # else it comes from products, as the estimate's warning
         return instruments.strength(
             self.record.products, conditional=estimate.first_stage if of_rows else None
@@ -391,7 +393,7 @@ class Diagnostics:
 
     def __iter__(self) -> Iterator[Diagnostic]:
         """Return every diagnostic that can be made, in the order of tables."""
-        return (item for item in map(self.__getitem__, DIAGNOSTICS) if item is not None)
+        return (item for name in DIAGNOSTICS if (item := getattr(self, name)) is not None)
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
@@ -405,7 +407,7 @@ class Diagnostics:
         """
         import polars as pl
 
-        rows = [astuple(row)[:4] for item in self for row in item.rows(self.subject)]
+        rows = [row[:4] for item in self for row in item.rows(self.subject)]
         columns = ("diagnostic", "of", "value", "compare")
         schema = dict.fromkeys(columns[:2], pl.String) | dict.fromkeys(columns[2:], pl.Float64)
         return pl.DataFrame(rows, schema=schema, orient="row")

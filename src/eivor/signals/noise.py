@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -298,6 +299,8 @@ BANDWIDTH_EXPONENT = 0.65
 SEARCHED = (-1.0, 1.0)
 #: Accuracy of the one that is found.
 CONVERGED = 1e-14
+#: Steps of the search at most, and a variance that is none.
+MOST_STEPS, TINY = 100, sys.float_info.min
 
 
 @dataclass(frozen=True, slots=True)
@@ -374,8 +377,19 @@ def estimate_long_memory(values: Float[np.ndarray, " n"], *, bandwidth: int | No
 def _whittle(power: Float[np.ndarray, " m"], log_gain: Float[np.ndarray, " m"]) -> LongMemory:
     """Minimum of the concentrated likelihood, log mean(power g^(-2 order)) + 2 order mean(log g)."""
     nu = log_gain - log_gain.mean()
-    log_power = np.log(np.maximum(power, np.finfo(np.float64).tiny))
-    order = _root(log_power, nu)
+    log_power = np.log(np.maximum(power, TINY))
+    order, (low, high) = 0.0, SEARCHED
+    for _ in range(MOST_STEPS):  # of Newton, or to the middle of where the slope changes its sign
+        weights = log_power - 2.0 * order * nu
+        weights = np.exp(weights - weights.max())
+        weights /= weights.sum()
+        slope = float(weights @ nu)
+        low, high = (order, high) if slope > 0.0 else (low, order)
+        before, order = order, order + 0.5 * slope / max(float(weights @ (nu - slope) ** 2), TINY)
+        if not low <= order <= high:
+            order = 0.5 * (low + high)
+        if abs(order - before) <= CONVERGED:
+            break
     scaled = log_power - 2.0 * order * log_gain
     top = float(scaled.max())
     variance = float(np.exp(top)) * float(np.exp(scaled - top).mean())
@@ -383,18 +397,3 @@ def _whittle(power: Float[np.ndarray, " m"], log_gain: Float[np.ndarray, " m"]) 
     relative = np.sqrt(1.0 / power.size + float(log_gain.mean()) ** 2 / information)
     std = float(np.sqrt(variance))
     return LongMemory(order, 0.5 / float(np.sqrt(information)), std, 0.5 * std * float(relative), power.size)
-
-
-def _root(log_power: Float[np.ndarray, " m"], nu: Float[np.ndarray, " m"]) -> float:
-    """Order at which the slope of the convex likelihood is zero, or the end of the search that is nearest."""
-    from scipy.optimize import brentq
-
-    def slope(order: float) -> float:
-        scaled = log_power - 2.0 * order * nu
-        weights = np.exp(scaled - scaled.max())
-        return float(weights @ nu / weights.sum())
-
-    low, high = SEARCHED
-    if slope(low) <= 0.0 or slope(high) >= 0.0:
-        return low if slope(low) <= 0.0 else high
-    return float(brentq(slope, low, high, xtol=CONVERGED))

@@ -11,6 +11,7 @@ import numpy as np
 from eivor.inference.diagnostics.record import SIGNIFICANT, Diagnostic, EquationProducts, Row, Subject
 from eivor.inference.estimating_equation import block_edges
 from eivor.inference.verdict import Reason, Status
+from eivor.linalg.system import symmetric_eigen
 from eivor.tools import Float
 
 PerBlock = Float[np.ndarray, " K"]
@@ -174,25 +175,27 @@ def strongest_swings(
     series = first[:, None] * (of.sums - of.sums.mean(axis=0))
     turned = np.vander(step, TURNED, increasing=True)[:, :, None] * series[:, None]
     waves = np.vander(further, -(-number.size // TURNED), increasing=True).T
-    spectrum = np.tensordot(waves, turned, 1).reshape(-1, of.sums.shape[1])[: number.size]
+    spectrum = (waves @ turned.reshape(len(turned), -1)).reshape(-1, of.sums.shape[1])[: number.size]
     power = np.abs(spectrum) ** 2
     highest = 1.0 / (BLOCKS_PER_CYCLE * of.block)
     indices = np.flatnonzero((frequency >= (LEAST_CYCLES - 1e-9) / of.span) & (frequency <= highest))
     if not indices.size:
         return ()
     # tail of the power at each place, held against the ordinates around it, for each series
+    first, count, edge = int(indices[0]), indices.size, STEPS * (NEAREST + ORDINATES)
+    padded = np.zeros((len(power) + 2 * edge, power.shape[1] + 1))  # its last column counts ordinates
+    padded[edge:-edge, :-1], padded[edge:-edge, -1] = power, 1.0
     away = STEPS * np.arange(NEAREST, NEAREST + ORDINATES)
-    around = indices[:, None] + np.concatenate([-away, away])
-    inside = (around >= 0) & (around < power.shape[0])
-    ordinates = inside.sum(axis=1)[:, None]
-    neighbours = np.where(inside[:, :, None], power[np.where(inside, around, 0)], 0.0).sum(axis=1)
+    starts = (first + edge + np.concatenate([-away, away])).tolist()
+    neighbours, ordinates = np.split(sum(padded[start : start + count] for start in starts), [-1], axis=1)
     ratio = np.divide(power[indices], neighbours, out=np.zeros_like(neighbours), where=neighbours > 0.0)
-    tails = np.asarray((1.0 + ratio) ** -ordinates.astype(np.float64))
+    tails = (1.0 + ratio) ** -ordinates
     results = []
     for series, (name, unit) in enumerate(named):
         best = int(np.argmin(tails[:, series]))
         position = indices[best]
-        left = float(np.sinc(frequency[position] * of.block))  # what the mean over a block leaves of the line
+        angle = math.pi * float(frequency[position]) * of.block
+        left = math.sin(angle) / angle  # what the mean over a block leaves of the line
         amplitude = 2.0 * weight * float(abs(spectrum[position, series])) / left
         tail = min(1.0, indices.size * float(tails[best, series]))
         results.append(Swing(name, unit, float(1.0 / frequency[position]), amplitude, tail))
@@ -288,10 +291,10 @@ def information(products: EquationProducts, *, instrumental: bool) -> Informatio
     if instrumental:
         a = products.whitening.T @ products.sensitivity
         matrix = a.T @ a
-    length = np.sqrt(np.diag(matrix))
+    length = np.sqrt(matrix.diagonal())
     scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
-    matrix = np.outer(scale, scale) * matrix
-    return Information(matrix, *np.linalg.eigh(matrix))
+    matrix = scale[:, None] * matrix * scale
+    return Information(matrix, *symmetric_eigen(matrix))
 
 
 def band_power(
@@ -307,8 +310,8 @@ def band_power(
     window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
     bins = length // 2
     power = np.zeros((len(columns) + 1, bins))
-    for start in np.linspace(0, residual.size - length, number).astype(np.int64):
-        block = np.stack([series[start : start + length] for series in (*columns, residual)])
+    for start in np.linspace(0, residual.size - length, number).astype(np.int64).tolist():
+        block = np.array([series[start : start + length] for series in (*columns, residual)])
         block = (block - block.mean(axis=1, keepdims=True)) * window
         spectrum = np.fft.rfft(block, axis=1)[:, 1 : bins + 1]
         power += spectrum.real**2 + spectrum.imag**2
@@ -317,7 +320,7 @@ def band_power(
     if length % 2 == 0:
         power[:, -1] *= 0.5
     power[:-1] *= np.square(np.asarray(factors, dtype=np.float64))[:, None]
-    edges = np.unique(np.round((bins + 1.0) ** (np.arange(BANDS + 1) / BANDS)).astype(np.int64)) - 1
+    edges = np.array(sorted({round((bins + 1.0) ** (band / BANDS)) - 1 for band in range(BANDS + 1)}))
     banded = np.add.reduceat(power, edges[:-1], axis=1).T
     above = np.where(banded[:, :-1] > banded[:, -1:], banded[:, :-1], 0.0).sum(axis=0)
     total = banded[:, :-1].sum(axis=0)

@@ -12,6 +12,7 @@ from eivor.inference.covariance import cosine_averages, unit_scale
 from eivor.inference.diagnostics import record
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.verdict import Reason, Status
+from eivor.linalg.system import orthogonal_factors, symmetric_eigen
 from eivor.tools import Float
 
 #: Directions in which P differs from its projection on the columns by less than this share are no test.
@@ -70,15 +71,16 @@ def endogeneity(
 ) -> Endogeneity | None:
     """Test of a direct estimate, by default of least squares, against an instrumental one; no checks."""
     GG = products.count * products.regressor_mean
-    scale = unit_scale(np.diag(GG))
-    GG = np.outer(scale, scale) * GG  # columns of unit length: gamma and M are in their units
+    scale = unit_scale(GG.diagonal())
+    square = scale[:, None] * scale
+    GG = square * GG  # columns of unit length: gamma and M are in their units
     if direct is None:
         total = products.count * products.mean[products.tested : -1, -1]
         gamma = np.linalg.lstsq(GG, scale * total, rcond=None)[0]
         nothing = np.zeros(gamma.size)
-        direct = DirectScores(gamma * scale, nothing, nothing, GG / np.outer(scale, scale))
-    gamma, H = direct.difference / scale, np.outer(scale, scale) * direct.sensitivity
-    weights = weights * unit_scale(np.einsum("pj,pq,qj->j", weights, products.instrument_mean, weights))
+        direct = DirectScores(gamma * scale, nothing, nothing, GG / square)
+    gamma, H = direct.difference / scale, square * direct.sensitivity
+    weights = weights * unit_scale((weights * (products.instrument_mean @ weights)).sum(axis=0))
     M = products.count * weights.T @ products.sensitivity * scale
     D = np.linalg.lstsq(H.T, M.T, rcond=None)[0]
     residual = np.append(-direct.difference, 1.0)  # of the direct estimate, as a combination of [G e]
@@ -91,7 +93,7 @@ def endogeneity(
     PG = (products.count * weights.T @ products.mean[: products.tested, products.tested : -1]) * scale
     spread = products.count * weights.T @ products.instrument_mean @ weights
     spread += D.T @ GG @ D - PG @ D - (PG @ D).T
-    values, vectors = np.linalg.eigh(spread / products.count)
+    values, vectors = symmetric_eigen(spread / products.count)
     U = vectors[:, values > NO_DIFFERENCE]
     degrees = U.shape[1]
     if not degrees:
@@ -152,14 +154,14 @@ def hansen_j(
     averages: int | None = None,
 ) -> OverIdentification:
     """J of equations with any weight. Performs no checks."""
-    scale = unit_scale(np.diag(covariance))
+    scale = unit_scale(covariance.diagonal())
     unknowns = sensitivity.shape[1]
     free = np.linalg.qr(scale[:, None] * sensitivity, mode="complete")[0][:, unknowns:]
     degrees = free.shape[1]
     if not degrees:
         return OverIdentification(0.0, 0, 1.0)
     left = free.T @ (scale * equations)
-    S = free.T @ (np.outer(scale, scale) * covariance) @ free
+    S = free.T @ (scale[:, None] * covariance * scale) @ free
     J = count * record.quadratic_form(left, S)
     return OverIdentification(J, degrees, record.hotelling_p_value(J, degrees, averages))
 
@@ -238,9 +240,9 @@ def strength(
     """Strength of the instruments behind time products. Performs no checks."""
     T = products.whitening
     # columns in units of their own rms, so that units cannot pass for strength or collinearity
-    scale = unit_scale(np.diag(products.regressor_mean))
+    scale = unit_scale(products.regressor_mean.diagonal())
     a, shared = T.T @ products.sensitivity * scale, T.T @ products.shared * scale
-    R = np.outer(scale, scale) * products.regressor_mean
+    R = scale[:, None] * products.regressor_mean * scale
     rank, count = a.shape
     if rank < count:  # some combination of the columns is not moved at all
         nothing, unknown = np.zeros(count), np.full(count, np.nan)
@@ -250,77 +252,74 @@ def strength(
     unexplained = np.vstack([-(T @ a), np.diag(scale), np.zeros(count)])
     scores = np.tensordot(products.sums, unexplained, 1)[:, : products.tested]
     scores -= products.counts[:, None, None] * (products.shared * scale)
-    L = T.T @ cosine_averages(scores, B) / np.sqrt(B * products.count)
+    L = cosine_averages(scores, B).swapaxes(1, 2) @ (T / np.sqrt(B * products.count))
     cross = a.T @ shared
     residual = R - a.T @ a - cross - cross.T
     directions = record.partial_directions(a)
     explained = ((a @ directions.T) ** 2).sum(axis=0)
     total, unexplained = (((directions @ item) * directions).sum(axis=1) for item in (R, residual))
     tested = unexplained > UNEXPLAINED
-    white, partial, effective, critical = (np.full(count, x) for x in (np.inf, 1.0, np.inf, np.nan))
+    white, partial, effective = (np.full(count, x) for x in (np.inf, 1.0, np.inf))
     freedom = (rank - count + 1) / max(products.rows - rank, 1.0)
     np.divide(explained, freedom * unexplained, out=white, where=tested)
     np.divide(explained, total, out=partial, where=tested)
-    for j in np.flatnonzero(tested).tolist():
-        free = (L @ directions[j]) @ _complement(np.delete(a, j, axis=1))
-        trace = float(np.sum(free**2))
-        effective[j] = products.count * explained[j] / trace if trace > 0.0 else np.inf
-        critical[j] = critical_value(free.T @ free)
-    values, vectors = np.linalg.eigh(R)
-    least_squares = (vectors**2 / np.maximum(values, np.finfo(np.float64).eps * values[-1])).sum(axis=1)
-    endogenous = np.diag(residual) > UNEXPLAINED
-    return FirstStageTest(
-        white if conditional is None else conditional,
-        effective,
-        critical,
-        partial,
-        least_squares * explained,
-        *_smallest(a, residual, L, endogenous, (products.count, products.rows)),
-    )
+    # each direction of the scores without what the other columns move
+    basis, alone = orthogonal_factors(a)[0], (a @ directions.T * unit_scale(explained)).T[:, :, None]
+    moved = np.tensordot(directions, L, (1, 1))
+    moved += moved @ alone @ alone.swapaxes(1, 2) - moved @ basis @ basis.T
+    endogenous, sizes = residual.diagonal() > UNEXPLAINED, (products.count, products.rows)
+    least, robust, worst = _smallest(a, residual, L, endogenous, sizes)
+    moved = np.concatenate([moved, worst[None]])
+    spreads, critical = critical_values(moved.swapaxes(1, 2) @ moved)
+    np.divide(products.count * explained, spreads[:-1], out=effective, where=tested & (spreads[:-1] > 0.0))
+    values, vectors = symmetric_eigen(R)
+    least_squares = vectors**2 @ (1.0 / np.maximum(values, np.finfo(np.float64).eps * values[-1]))
+    needed = np.where(tested, critical[:-1], np.nan)
+    each = white if conditional is None else conditional, effective, needed, partial
+    return FirstStageTest(*each, least_squares * explained, least, robust, float(critical[-1]))
 
 
 def _smallest(
     a: Float[np.ndarray, "q n"],
     residual: Float[np.ndarray, "n n"],
-    L: Float[np.ndarray, "averages q n"],
+    L: Float[np.ndarray, "averages n q"],
     endogenous: np.ndarray,
     sizes: tuple[float, float],
-) -> tuple[float, float, float]:
-    """Cragg and Donald's F, its robust counterpart and the critical value of that."""
-    count, rows = sizes
+) -> tuple[float, float, Float[np.ndarray, "averages q"]]:
+    """Cragg and Donald's F, its robust counterpart, and scores of the combination that hardly moves."""
+    (count, rows), rank = sizes, a.shape[0]
     if not endogenous.any():
-        return float("inf"), float("inf"), float("nan")
-    free = _complement(a[:, ~endogenous])
-    signal = free.T @ a[:, endogenous]
-    power = count * signal.T @ signal
-    noise = residual[endogenous][:, endogenous] * count / max(rows - a.shape[0], 1.0)
-    white, _ = _least_eigenvalue(power, free.shape[1] * noise)
-    L_free = np.einsum("bqe,qf->bfe", L[:, :, endogenous], free)
-    robust, direction = _least_eigenvalue(power, np.einsum("bfe,bfg->eg", L_free, L_free))
-    worst = L_free @ direction
-    return white, robust, critical_value(worst.T @ worst)
-
-
-def _complement(columns: Float[np.ndarray, "q m"]) -> Float[np.ndarray, "q f"]:
-    """Orthonormal basis of what is orthogonal to the columns, which are independent."""
-    complete: Float[np.ndarray, "q q"] = np.linalg.qr(columns, mode="complete")[0]
-    return complete[:, columns.shape[1] :]
+        return float("inf"), float("inf"), np.zeros((len(L), rank))
+    noise = residual * (count / max(rows - rank, 1.0))
+    if not endogenous.all():
+        basis, rank = orthogonal_factors(a[:, ~endogenous])[0], rank - int((~endogenous).sum())
+        a, L, noise = a[:, endogenous], L[:, endogenous], noise[endogenous][:, endogenous]
+        a, L = a - basis @ (basis.T @ a), L - L @ basis @ basis.T
+    power = count * a.T @ a
+    white, _ = _least_eigenvalue(power, rank * noise)
+    robust, direction = _least_eigenvalue(power, np.tensordot(L, L, ((0, 2), (0, 2))))
+    return white, robust, np.tensordot(direction, L, (0, 1))
 
 
 def _least_eigenvalue(
     power: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n n"]
 ) -> tuple[float, Float[np.ndarray, " n"]]:
-    values, vectors = np.linalg.eigh(noise)
+    values, vectors = symmetric_eigen(noise)
     root = vectors / np.sqrt(np.maximum(values, np.finfo(np.float64).tiny))
-    ratios, directions = np.linalg.eigh(root.T @ power @ root)
+    ratios, directions = symmetric_eigen(root.T @ power @ root)
     return float(ratios[0]), root @ directions[:, 0]
 
 
-def critical_value(W: Float[np.ndarray, "q q"], bias: float = TOLERATED_BIAS, size: float = SIZE) -> float:
-    """Critical value of the effective F, simplified procedure of Montiel Olea and Pflueger (2013)."""
-    x, trace = 1.0 / bias, float(np.trace(W))
-    if not 0.0 < trace < np.inf:
-        return float("nan")
-    shares = np.linalg.eigvalsh(W / trace)
-    K = (1.0 + 2.0 * x) / (float(shares @ shares) + 2.0 * x * shares[-1])
-    return float(scipy.special.chndtrix(1.0 - size, K, x * K)) / K
+def critical_values(
+    W: Float[np.ndarray, "some q q"], bias: float = TOLERATED_BIAS, size: float = SIZE
+) -> tuple[Float[np.ndarray, " some"], Float[np.ndarray, " some"]]:
+    """Trace of W, and the critical value of the effective F, which is NaN where that is no number.
+
+    Simplified procedure of Montiel Olea and Pflueger (2013).
+    """
+    x, trace = 1.0 / bias, W.trace(axis1=1, axis2=2)
+    known, critical = (trace > 0.0) & (trace < np.inf), np.full(len(W), np.nan)
+    shares = np.linalg.eigvalsh(W[known] / trace[known, None, None])
+    K = (1.0 + 2.0 * x) / ((shares * shares).sum(axis=1) + 2.0 * x * shares[:, -1])
+    critical[known] = scipy.special.chndtrix(1.0 - size, K, x * K) / K
+    return trace, critical

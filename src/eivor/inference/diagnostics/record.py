@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -14,6 +16,7 @@ from eivor.inference.covariance import column_scale, cosine_averages, unit_scale
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.estimating_equation import Products
 from eivor.inference.verdict import Reason
+from eivor.linalg.system import symmetric_eigen, triangular_root
 from eivor.tools import Float
 
 #: Fewest averages, and how many there are for each equation that is tested.
@@ -34,10 +37,11 @@ def covariance_of_total(sums: Float[np.ndarray, "K n"], averages: int) -> Float[
 
 def quadratic_form(total: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> float:
     """Total' covariance^-1 total, without the directions in which a singular covariance says nothing."""
-    scale = unit_scale(np.diag(covariance))
-    values, vectors = np.linalg.eigh(np.outer(scale, scale) * covariance)
-    kept = np.abs(values) > np.finfo(np.float64).eps * values.size * np.abs(values).max(initial=0.0)
-    return float(((scale * total) @ vectors[:, kept]) ** 2 @ (1.0 / values[kept]))
+    scale = unit_scale(covariance.diagonal())
+    values, vectors = symmetric_eigen(scale[:, None] * covariance * scale)
+    size, parts = np.abs(values), (scale * total) @ vectors
+    kept = size > sys.float_info.epsilon * values.size * size.max(initial=0.0)
+    return float(np.divide(parts * parts, values, out=np.zeros(values.size), where=kept).sum())
 
 
 def hotelling_p_value(W: float, equations: int, averages: int | None) -> float:
@@ -58,8 +62,7 @@ SIGNIFICANT = 0.01
 BEYOND_DOUBT = 0.001
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
+class Row(NamedTuple):
     """One number of a diagnostic."""
 
     diagnostic: str  # Name of the number
@@ -120,21 +123,26 @@ def orthonormal_basis(instruments: Float[np.ndarray, "rows p"]) -> Float[np.ndar
 
 def whitening(products: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p q"]:
     """T with T' products T = 1, without the directions in which the instruments hardly move."""
-    scale = unit_scale(np.diag(products))
-    values, vectors = np.linalg.eigh(np.outer(scale, scale) * products)
+    scale = unit_scale(products.diagonal())[:, None]
+    scaled = scale * products * scale.T
+    factor, failed = scipy.linalg.lapack.dpotrf(scaled)
+    if not failed:
+        inverse = scipy.linalg.lapack.dtrtri(factor)[0]
+        if (inverse * inverse).sum() < SMALLEST_DIRECTION**-2:  # no direction has a smaller eigenvalue
+            return scale * inverse
+    values, vectors = symmetric_eigen(scaled)
     kept = values > SMALLEST_DIRECTION**2
-    return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    return scale * vectors[:, kept] / np.sqrt(values[kept])
 
 
 def partial_directions(columns: Float[np.ndarray, "q n"]) -> Float[np.ndarray, "n n"]:
     """Row j: the combination of columns that is column j less its projection on the others."""
     scale = column_scale(columns)
-    _, singular, rows = np.linalg.svd(columns * scale)
     # a ridge that nothing but rounding is smaller than: of columns that are alike both have their share
-    squares = np.full(scale.size, (LEAST_SHARE * singular[0]) ** 2)
-    squares[: singular.size] += singular**2
-    inverse = (rows.T / squares) @ rows
-    return inverse / np.diag(inverse)[:, None] * scale / scale[:, None]
+    root = triangular_root(np.concatenate([columns * scale, LEAST_SHARE * np.eye(scale.size)]))
+    inverse = scipy.linalg.lapack.dtrtri(root)[0]
+    inverse = inverse @ inverse.T
+    return inverse * scale / (inverse.diagonal() * scale)[:, None]
 
 
 def conditional_first_stage(
@@ -177,17 +185,17 @@ def first_stage_of_products(
     """Conditional first-stage F from mean(psi psi'), mean(psi phi') and mean(phi phi')."""
     available, count = cross.shape
     degrees = available - (count - 1)
-    if degrees < 1 or rows <= available or not np.diag(instruments).all():
+    if degrees < 1 or rows <= available or not instruments.diagonal().all():
         return np.zeros(count)
     to_basis = whitening(instruments).T
-    noise_products = np.zeros((len(to_basis), count)) if shared is None else to_basis @ shared
+    noise_products = to_basis @ (np.zeros(cross.shape) if shared is None else shared)
     basis_products = to_basis @ cross - noise_products
     directions = partial_directions(basis_products)
     moved = basis_products @ directions.T
-    explained = (moved**2).sum(axis=0)
+    explained = (moved * moved).sum(axis=0)
     unexplained = ((directions @ regressors) * directions).sum(axis=1) - explained
     unexplained -= 2.0 * (moved * (noise_products @ directions.T)).sum(axis=0)
-    left, strengths = unexplained > 1e-12 * np.diag(regressors), np.full(count, np.inf)
+    left, strengths = unexplained > 1e-12 * regressors.diagonal(), np.full(count, np.inf)
     return np.divide(explained * (rows - available), degrees * unexplained, out=strengths, where=left)
 
 

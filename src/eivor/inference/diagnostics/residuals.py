@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -29,14 +28,15 @@ QUANTILES: dict[int, tuple[float, ...]] = {
     5: (3.352, 5.24, 8.009, 10.56, 13.46, 17.96, 22.07, 27.66, 35.76),
     6: (3.644, 5.846, 9.261, 12.34, 15.96, 22.17, 28.04, 35.37, 46.25),
 }
+LOG_QUANTILES = {unknowns: np.log(row) for unknowns, row in QUANTILES.items()}
 
 
 def influences(
     sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "K n"]:
     """What each block adds to each parameter. Performs no checks."""
-    scale = unit_scale(np.abs(np.diag(sensitivity)))
-    scaled = np.outer(scale, scale) * sensitivity
+    scale = unit_scale(np.abs(sensitivity.diagonal()))
+    scaled = scale[:, None] * sensitivity * scale
     return np.asarray(scale * np.linalg.lstsq(scaled, scale[:, None] * sums.T, rcond=None)[0].T)
 
 
@@ -87,13 +87,13 @@ class Constancy(Diagnostic):
 def constancy(influence: Float[np.ndarray, "K n"]) -> Constancy:
     """Test of a change of the parameters, from what each block adds to them. Performs no checks."""
     groups = influence.reshape(GROUPS, -1, influence.shape[1]).sum(axis=1)
-    unknowns, (difference, S) = groups.shape[1], _sides(groups)
+    unknowns, (difference, S) = groups.shape[1], sides(groups)
     variances = np.diagonal(S, axis1=1, axis2=2)
     each = np.divide(difference**2, variances, out=np.zeros(difference.shape), where=variances > 0.0).T
-    p_values = np.array([p_value(float(path.max()), 1) for path in each])
+    p_values = p_value(each.max(axis=1), 1)
     if unknowns in QUANTILES:
-        path = _wald_path(difference, S)
-        joint = p_value(float(path.max()), unknowns)
+        path = wald_path(difference, S)
+        joint = float(p_value(path.max(), unknowns))
     else:  # too many for one covariance on twelve averages: the strongest of them, by Bonferroni's bound
         path = each[int(np.argmin(p_values))]
         joint = min(1.0, unknowns * float(p_values.min()))
@@ -102,19 +102,16 @@ def constancy(influence: Float[np.ndarray, "K n"]) -> Constancy:
     return Constancy(float(path.max()), joint, p_values, k / GROUPS, change)
 
 
-def wald_path(groups: Float[np.ndarray, "64 n"]) -> Float[np.ndarray, " breaks"]:
-    """Wald statistic, as an F, for a change after each group from the tenth on. Performs no checks."""
-    return _wald_path(*_sides(groups))
-
-
-def _sides(groups: Float[np.ndarray, "64 n"]) -> tuple[np.ndarray, np.ndarray]:
+def sides(groups: Float[np.ndarray, "64 n"]) -> tuple[np.ndarray, np.ndarray]:
     """Difference of the means on both sides of each break, and its covariance, but for one unit of both."""
     scale = groups.std(axis=0)
-    sides = np.tensordot(_transforms(), groups / np.where(scale > 0.0, scale, 1.0), axes=1)
-    return sides[:, 0], np.einsum("kbi,kbj->kij", sides[:, 1:], sides[:, 1:])
+    transformed = np.tensordot(_transforms(), groups / np.where(scale > 0.0, scale, 1.0), axes=1)
+    cosines = transformed[:, 1:]
+    return transformed[:, 0], cosines.swapaxes(1, 2) @ cosines
 
 
-def _wald_path(difference: np.ndarray, S: np.ndarray) -> Float[np.ndarray, " breaks"]:
+def wald_path(difference: np.ndarray, S: np.ndarray) -> Float[np.ndarray, " breaks"]:
+    """Wald statistic, as an F, for a change after each group from the tenth on. Performs no checks."""
     try:
         W = np.einsum("ki,ki->k", difference, np.linalg.solve(S, difference[:, :, None])[:, :, 0])
     except np.linalg.LinAlgError:
@@ -123,9 +120,9 @@ def _wald_path(difference: np.ndarray, S: np.ndarray) -> Float[np.ndarray, " bre
     return W * (averages - n + 1) / (averages * n)
 
 
-def p_value(statistic: float, unknowns: int) -> float:
+def p_value(statistic: Float[np.ndarray, "*some"] | float, unknowns: int) -> Float[np.ndarray, "*some"]:
     """Tail of the supremum, from the table: logarithms are interpolated, ends are kept."""
-    return math.exp(np.interp(math.log(max(statistic, 1e-300)), np.log(QUANTILES[unknowns]), LOG_TAILS))
+    return np.exp(np.interp(np.log(np.maximum(statistic, 1e-300)), LOG_QUANTILES[unknowns], LOG_TAILS))
 
 
 @lru_cache(maxsize=1)
@@ -159,7 +156,8 @@ class SegmentLeverage(Diagnostic):
 
     @cached_property
     def most(self) -> Int[np.ndarray, " n"]:
-        return np.argmax(np.nan_to_num(np.abs(self.in_std_errors), nan=-1.0), axis=0)
+        size = np.abs(self.in_std_errors)
+        return np.argmax(np.where(np.isnan(size), -1.0, size), axis=0)
 
     @cached_property
     def largest(self) -> Float[np.ndarray, " n"]:
@@ -196,9 +194,9 @@ def segment_leverage(
 ) -> SegmentLeverage:
     """Drop-one estimates from the stretches' own equations. Performs no checks."""
     M = sensitivities.sum(axis=0)
-    scale = unit_scale(np.abs(np.diag(M)))
+    scale = unit_scale(np.abs(M.diagonal()))
     shift = np.full(sums.shape, np.nan)
-    rest = np.outer(scale, scale) * (M - sensitivities)
+    rest = scale[:, None] * (M - sensitivities) * scale
     solvable = np.linalg.cond(rest) < 1.0 / np.finfo(np.float64).eps
     shift[solvable] = -scale * np.linalg.solve(rest[solvable], (scale * sums[solvable])[..., None])[..., 0]
     return SegmentLeverage(shift, shift / std_errors, segments)
@@ -291,7 +289,7 @@ def residual_whiteness(residual: Float[np.ndarray, " rows"], lags: int = LAGS) -
     """Whiteness of a residual in time order. Performs no checks; O(rows lags)."""
     count = residual.size
     lags = max(min(lags, (count - 1) // 4), 1)
-    sums = np.array([residual[lag:] @ residual[: count - lag] for lag in range(lags + 1)])
+    sums = np.correlate(np.append(residual, np.zeros(lags)), residual)
     if not sums[0] > 0.0:
         return ResidualWhiteness(np.zeros(lags), normal_quantile(0.95) / np.sqrt(count), 0.0, 1.0, 2.0)
     r = sums[1:] / sums[0]
