@@ -93,7 +93,7 @@ class Estimate:
         """Joint vector: the linear parameters, then the continuous nuisances that were searched for."""
         if self.origin is not None:
             return self.origin + self.theta
-        return np.append(self.theta, [self.nuisances[profile.nuisance.name] for profile in self.profiles])
+        return np.array([*self.theta, *(self.nuisances[item.nuisance.name] for item in self.profiles)])
 
     @property
     def count(self) -> float:

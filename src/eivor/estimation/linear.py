@@ -223,9 +223,7 @@ def first_stage_strengths(moments: CrossMoments) -> Float[np.ndarray, " n"]:
     return first_stage_of_products(mean[:p, :p], mean[:p, p:-1], mean[p:-1, p:-1], moments.rows, shared)
 
 
-def weak_instruments(
-    strengths: Float[np.ndarray, " n"], parameters: tuple[Parameter, ...]
-) -> tuple[Reason, ...]:
+def weak_instruments(strengths: Float[np.ndarray, " n"], parameters: tuple[Parameter, ...]) -> Reason:
     """Reason for the status weak, reported as a warning too."""
     weakest = int(np.argmin(strengths))
     reason = Reason(
@@ -237,7 +235,7 @@ def weak_instruments(
         "of eivor.anderson_rubin_set hold all the same.",
     )
     warnings.warn(f"{reason.sentence} {reason.remedy}", WeakInstrumentsWarning, stacklevel=user_level())
-    return (reason,)
+    return reason
 
 
 def overstated_noise(
@@ -370,7 +368,7 @@ def _plain_estimate(method: LinearMethod, made: Estimate) -> Estimate:
         if moments.noise is not None:
             met = (*overstated_noise(moments, moments.noise[:, :-1], parameters), *met)
         if not (strengths >= STRONG_FIRST_STAGE).all():
-            met = (*weak_instruments(strengths, parameters), *met)
+            met = (weak_instruments(strengths, parameters), *met)
     if met:
         made = replace(made, met=met)
     finer = None if made.problem is None else made.problem.finer

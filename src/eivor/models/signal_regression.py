@@ -235,8 +235,10 @@ class SignalRegression(LinearProblem):
     ) -> Float[np.ndarray, "samples columns"]:
         """Columns of all samples from `start` to `stop`, those among them that are no rows."""
         block = np.empty((len(columns), stop - start))
-        for row, column in zip(block, columns, strict=True):
-            np.multiply(self.slice_of(column, start, stop), column.gain, out=row)
+        for index, column in enumerate(columns):
+            block[index] = self.slice_of(column, start, stop)
+            if column.gain != 1.0:
+                block[index] *= column.gain
         return block.T
 
     def slice_of(self, column: Column, start: int, stop: int) -> Float[np.ndarray, " samples"]:
