@@ -246,7 +246,8 @@ class BinRows(RowLayout):
             time = (run.flight, run.start, run.length)
             scores = np.multiply(tested, 0.5 * errors, out=tested)
             together[time] = together[time] + scores if time in together else scores
-        return np.concatenate(list(together.values())) if len(together) > 1 else scores
+        parts = list(together.values())
+        return np.concatenate(parts) if len(parts) > 1 else parts[0]
 
 
 @dataclass(frozen=True)

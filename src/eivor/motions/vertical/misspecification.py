@@ -356,9 +356,8 @@ def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFligh
         return None
     sideways = [_sideways(flight) for flight in flights]
     names = tuple(sideways[0]) if all(moving.keys() == sideways[0].keys() for moving in sideways) else ()
-    pairs = list(zip(problem.columns, sideways, strict=True))
-    kinds = problem.spectra([_kinds(item, [moving[name] for name in names]) for item, moving in pairs])
-    lags = problem.spectra([_lags([moving[name] for name in names], item) for item, moving in pairs])
+    pairs = [(item, [of[name] for name in names]) for item, of in zip(problem.columns, sideways, strict=True)]
+    kinds, lags = (problem.spectra([made(*pair) for pair in pairs]) for made in (_kinds, _lags))
     bins = problem.bins(problem.first_values)
     return GivenBins(
         replace(
@@ -411,7 +410,7 @@ def sideways_speed(flights: Sequence[PreparedFlight]) -> float:
     return float(np.fmax.reduce(speeds))
 
 
-def _lags(velocities: list[Float[np.ndarray, " n"]], of: AxisColumns) -> Float[np.ndarray, "n p"]:
+def _lags(of: AxisColumns, velocities: list[Float[np.ndarray, " n"]]) -> Float[np.ndarray, "n p"]:
     results = []
     for velocity in velocities:
         results.append(velocity)
