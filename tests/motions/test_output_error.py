@@ -10,6 +10,7 @@ import pytest
 
 import eivor as ev
 from eivor.estimation.methods import by_name
+from eivor.flights.estimate import refined_agreement
 from eivor.flights.grid import upward
 from eivor.flights.motion import FIT, UNCHANGED
 from eivor.flights.prepare import prepare
@@ -54,6 +55,17 @@ def test_gains_lie_within_their_intervals_and_predictions_are_as_good_as_any(fli
     assert by_fit["roll rate"].rms[-1] < 1.5 * np.sqrt(2.0) * 0.02
     assert by_fit["velocity"].rms[-1] < 1.5 * np.sqrt(6.0) * 0.05
     assert by_fit["roll rate"].theil < 0.1
+
+
+@pytest.mark.thorough
+def test_instruments_contradict_refined_numbers_only_beyond_the_errors_of_both(flight):
+    """Instruments sharper than windows had contradicted numbers within their intervals: J p 7e-10."""
+    result = ev.identify_flight(flight.recording, model=BODY, method="output_error")
+    assert result.verdict.status is Status.IDENTIFIED
+    assert result.diagnostics["over_identification_p_value"] > 0.01
+    first = ev.identify_flight(flight.recording, model=BODY).estimate
+    moved = replace(first, solution=replace(first.solution, theta=1.1 * first.theta))
+    assert refined_agreement(first, moved).p_value < 1e-6
 
 
 def test_the_setpoints_of_a_path_identify_the_drag_of_a_real_flight(recordings):

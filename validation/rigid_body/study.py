@@ -94,7 +94,10 @@ def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
         if method == scenario.methods[0]
         for item in _of_part(scenario, vehicle, scores(entry))
     ) + tuple(
-        item for scenario in grid.scenarios if scenario.rotorpy for item in _of_families(rows, scenario)
+        item
+        for scenario in grid.scenarios
+        if scenario.coverage_pooled and len(scenario.vehicles) > 1
+        for item in _of_families(rows, scenario)
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -213,7 +214,22 @@ def minimise_output_error(state: FlightState) -> FlightState:
         solution=replace(rows.solution, theta=result.theta),
         method=f"{first.method}+{OUTPUT_ERROR}",
     )
-    return replace(state, estimate=result, findings=(*state.findings, *findings))
+    agreement = state.agreement or refined_agreement(first, result)
+    return replace(state, estimate=result, findings=(*state.findings, *findings), agreement=agreement)
+
+
+def refined_agreement(first: Estimate, refined: Estimate) -> OverIdentification | None:
+    """That of the instruments of the first estimate, and of the refined values with it (Bonferroni)."""
+    if not first.assembler.needs_instruments:
+        return None
+    covariances, ratios = (first.joint_covariance, refined.joint_covariance), []
+    for direction in np.eye(first.unknowns):
+        moved = abs(float(direction @ (refined.values - first.values)))
+        by_errors = [joint.half_width(direction) for joint in covariances]
+        ratios.append(1.96 * moved / math.hypot(*by_errors) if moved else 0.0)
+    J, p_value = first.over_identification
+    farthest = math.erfc(max(ratios) / math.sqrt(2.0)) * np.count_nonzero(ratios)
+    return OverIdentification(J, max(first.degrees, 0), min(1.0, 2.0 * min(p_value, farthest)))
 
 
 def diagnose_fit(state: FlightState) -> FlightState:
