@@ -208,11 +208,11 @@ def wing(axis: str, closed: bool) -> Any:
 
 
 def wing_flight(
-    axis: str, turbulence: float, noise: float, closed: bool, seed: int, planned: Any
+    axis: str, turbulence: float, closed: bool, seed: int, planned: Any
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """60 s under control of the attitude, or of surfaces alone, for one axis: pitch alone, or the others.
 
-    Columns of a log; and states, servos and derivatives of the rates by axis, without noise.
+    Columns of a log; and states through the air, servos and derivatives of the rates by axis, without noise.
     """
     import jsbsim
 
@@ -246,7 +246,7 @@ def wing_flight(
     trims, trimmed_pitch = [craft[f"fcs/{name}-cmd-norm"] for name in SURFACES], craft["attitude/theta-rad"]
     states = [*(f"velocities/{item}-rad_sec" for item in "pqr"), "aero/beta-rad", "aero/alpha-rad"]
     seen, exact, commands = np.empty((count, 5)), np.empty((count, 11)), np.empty((count, 3))
-    errors = noise * rng.standard_normal((count, 5)) * [*WING_NOISE.values()]
+    errors = rng.standard_normal((count, 5)) * [*WING_NOISE.values()]
     servo, decay = np.zeros(3), np.exp(-0.5 * WING_STEP_S / WING_SERVO_S)
     for k in range(count):
         true = np.array([craft[name] for name in states])
@@ -257,7 +257,8 @@ def wing_flight(
         driven = [aileron, elevator, setpoints[2][k]] if closed else [item[k] for item in setpoints]
         commands[k] = np.clip(driven, -0.6, 0.6)
         derivatives = [craft[f"accelerations/{item}dot-rad_sec2"] for item in "pqr"]
-        exact[k] = [*true, *servo, *derivatives]
+        through_air = [craft[f"velocities/{item}-aero-rad_sec"] for item in "pqr"]
+        exact[k] = [*through_air, *true[3:], *servo, *derivatives]
         for _ in range(2):
             servo = decay * servo + (1.0 - decay) * commands[k]
             for name, trim, value in zip(SURFACES, trims, servo, strict=True):
@@ -269,7 +270,7 @@ def wing_flight(
 
 
 def wing_truth(axis: str, exact: dict[str, np.ndarray]) -> dict[str, float]:
-    """Least squares of what moved in a flight without noise and turbulence: the plant is not linear."""
+    """Least squares of what moved through the air, without noise: the plant is not linear."""
     columns = [exact[of] for of in WING_TERMS[axis].values()]
     moved = np.column_stack([*columns, np.ones_like(exact[axis])])
     theta = np.linalg.lstsq(moved[200:], exact[axis][200:])[0]
@@ -279,12 +280,11 @@ def wing_truth(axis: str, exact: dict[str, np.ndarray]) -> dict[str, float]:
 def wing_records(
     axis: str, turbulence: float, closed: bool, seeds: Sequence[int], planned: Any = None
 ) -> Records:
-    """Flights of the wing, each beside one without noise and turbulence."""
+    """Flights of the wing."""
     machine = wing(axis, closed)
     for seed in seeds:
-        columns, _ = wing_flight(axis, turbulence, 1.0, closed, seed, planned)
+        columns, exact = wing_flight(axis, turbulence, closed, seed, planned)
         logged = {name: columns[name] for name in ("time", *machine.record["channels"])}
-        _, exact = wing_flight(axis, 0.0, 0.0, closed, seed, planned)
         yield machine, wing_truth(axis, exact), logged
 
 

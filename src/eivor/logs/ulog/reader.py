@@ -395,9 +395,9 @@ def read_ulog(file: Path, _options: common.ReadOptions) -> Recording:
     start = np.uint64(content.start_us)
     channels = read_topics(topics, start, parameters, findings)
     if not channels:
-        expected = f"a ULog with flight data (one of the topics {', '.join(px4.NEEDED_TOPICS)})"
+        expected = "a ULog with flight data, such as vehicle_local_position and actuator_outputs"
         remedy = "Check that logging was on during the flight, and the logging profile (SDLOG_PROFILE)."
-        raise EmptyLogError(expected, f"'{file.name}' without a value of any of them", remedy)
+        raise EmptyLogError(expected, f"'{file.name}' without a value of a topic of flight", remedy)
     return Recording(
         name=file.name,
         format="ulog",
