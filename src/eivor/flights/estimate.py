@@ -201,7 +201,7 @@ def minimise_output_error(state: FlightState) -> FlightState:
     if refined is None or not isinstance(by_name(state.options.method), OutputError):
         return state
     first, problem = state.estimate, state.problem
-    result, findings = refined(first, state.flying)
+    result, findings = refined(problem, first, state.flying)
     known = tuple(item.known_at(result.nuisances[item.name]) for item in problem.nuisances)
     start = separable.WarmStart(result.theta, result.nuisances)
     rows = identify(replace(cast("Any", problem), nuisances=known, warm_start=start), state.method.of_flights)

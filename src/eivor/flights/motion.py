@@ -278,7 +278,7 @@ class Prediction(Generic[P]):
         None
     )
     #: An estimate whose multi-step predictions of flights leave least, from another one
-    output_error: Callable[[Estimate, Flights], tuple[Estimate, tuple[Finding, ...]]] | None = None
+    output_error: Callable[[Any, Estimate, Flights], tuple[Estimate, tuple[Finding, ...]]] | None = None
 
 
 @dataclass(frozen=True)

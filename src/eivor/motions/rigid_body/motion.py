@@ -31,7 +31,14 @@ from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import NOT_NEGATIVE, refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.predict import rigid_body_prediction
-from eivor.motions.rigid_body.regression import BAND_SHARE, DRIVING, FORCE_X_EQUATION, TABLES, noisier
+from eivor.motions.rigid_body.regression import (
+    AT_HOVER,
+    BAND_SHARE,
+    DRIVING,
+    FORCE_X_EQUATION,
+    TABLES,
+    noisier,
+)
 from eivor.motions.rigid_body.vehicle import KnownVehicle, load_vehicle, shipped_vehicles, vehicle_from_record
 from eivor.motions.vertical.select import TABLES as HEIGHT
 from eivor.signals.recording import Channel, Finding, Recording
@@ -233,11 +240,12 @@ def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Quant
     squared = velocity[2] ** 2
     if not squared.sum() > 0.0:
         return {}
-    ratio = verdict.hover_over_usual(problem, joint_quantities(estimate))
+    ratio, by_joint = verdict.hover_over_usual(problem, estimate)
     share = float(np.linalg.norm(velocity, axis=0) @ squared / squared.sum())
     gradient = ratio * estimate.direction(linear) + share * estimate.direction(quadratic)
     index = [estimate.names.index(name) for name in (linear, quadratic)]
     of_rotors, of_body = estimate.values[index].tolist()
+    gradient += of_rotors * by_joint
     value = ratio * of_rotors + share * of_body
     return {regression.FRICTION.name: linear_quantity(estimate, regression.FRICTION.unit, value, gradient)}
 
@@ -385,9 +393,7 @@ class RigidBody(motion.Motion[LaggedRuns]):
                 multi_step=lambda flights, models, refused: rigid_body_prediction(
                     flights, self.known_vehicle, models, refused
                 ),
-                output_error=lambda estimate, flights: refined_by_output_error(
-                    estimate, flights, self.known_vehicle
-                ),
+                output_error=refined_by_output_error,
             ),
             implications=self._implications,
             excitation=partial(excitation, axes=AXES),
@@ -419,10 +425,20 @@ class RigidBody(motion.Motion[LaggedRuns]):
         )
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
-        joint = joint_quantities(estimate)
-        ratio, names = verdict.hover_over_usual(problem, joint), {item.name for item in regression.AT_HOVER}
+        joint, (ratio, by_joint) = joint_quantities(estimate), verdict.hover_over_usual(problem, estimate)
+        at_hover = {
+            name: linear_quantity(
+                estimate,
+                item.unit,
+                ratio * item.value,
+                ratio * estimate.direction(name) + item.value * by_joint,
+            )
+            for name, item in joint.items()
+            if name in {parameter.name for parameter in AT_HOVER}
+        }
         results = {
-            **{name: item.times(ratio) if name in names else item for name, item in joint.items()},
+            **joint,
+            **at_hover,
             **verdict.gyroscopic_moments(problem, joint),
             **viscous_friction(problem, estimate),
             **lag_quantities(problem, estimate),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -13,11 +14,19 @@ from eivor.errors import TooFewSamplesError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.motion import Flights, Starts, starts_of
 from eivor.inference.covariance import CovariancePart, JointCovariance
-from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, DELAY
+from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, DELAY, LaggedRuns
 from eivor.models.separable import Values
 from eivor.motions.rigid_body.dynamics import turned, vector_part
 from eivor.motions.rigid_body.predict import LoggedState, StatePropagator
-from eivor.motions.rigid_body.regression import DAMPING, DRAG, GAIN, OFFSET, QUADRATIC_DRAG, THRUST
+from eivor.motions.rigid_body.regression import (
+    DAMPING,
+    DRAG,
+    GAIN,
+    OFFSET,
+    QUADRATIC_DRAG,
+    THRUST,
+    RotorColumns,
+)
 from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.recording import Finding
@@ -72,6 +81,7 @@ class Windows:
     logged: LoggedState
     vehicle: KnownVehicle
     starts: Starts
+    usual: float  # State of a rotor that damping and drag are for
 
     @cached_property
     def outputs(self) -> list[int]:
@@ -86,7 +96,7 @@ class Windows:
 
     def left(self, models: Sequence[Values]) -> Float[np.ndarray, "models rows starts"]:
         """What models leave of every output after each time, from the measured states."""
-        return self._compared(StatePropagator(self.logged, self.vehicle, models, self.starts), self.initial)
+        return self._compared(models, self.initial)
 
     def by_initial_state(self, model: Values) -> Float[np.ndarray, "rows outputs starts"]:
         """Derivatives of what a model leaves by the initial states."""
@@ -98,14 +108,14 @@ class Windows:
                 moved[6:10, number] = turned(moved[6:10, number], *turn)
             else:
                 moved[part if part < 6 else part + 1, number] += step
-        propagator = StatePropagator(self.logged, self.vehicle, [model] * (count + 1), self.starts)
-        left = self._compared(propagator, moved)
+        left = self._compared([model] * (count + 1), moved)
         return (left[:count] - left[count]).transpose(1, 0, 2) / step
 
     def _compared(
-        self, propagator: StatePropagator, initial: Float[np.ndarray, "13 #models starts"]
+        self, models: Sequence[Values], initial: Float[np.ndarray, "13 #models starts"]
     ) -> Float[np.ndarray, "models rows starts"]:
-        states = propagator.propagate(initial)
+        made = StatePropagator(self.logged, self.vehicle, models, self.starts, usual=self.usual)
+        states = made.propagate(initial)
         measured = self.logged.body[:, self.starts.ends].transpose(1, 0, 2)
         left = difference(states, np.broadcast_to(measured, states.shape))[:, :, self.outputs]
         return left.reshape(len(left), -1, left.shape[-1])
@@ -234,10 +244,12 @@ def minimised(start: Structure, *, tolerance: float = TOLERANCE) -> Minimum:
     return replace(best, structure=replace(start, values=values, clocks=point[len(start.kept) :]))
 
 
-def flight_windows(flights: Flights, vehicle: KnownVehicle) -> tuple[Windows, ...]:
+def flight_windows(problem: LaggedRuns, flights: Flights) -> tuple[Windows, ...]:
     """Windows of every flight."""
+    states = cast("RotorColumns", problem.columns[0].moving).states
+    vehicle, usual = states.vehicle, states.usual
     made = tuple(
-        Windows(LoggedState(flight), vehicle, starts_of(flight, LOOKED_AT_S, BETWEEN_WINDOWS_S))
+        Windows(LoggedState(flight), vehicle, starts_of(flight, LOOKED_AT_S, BETWEEN_WINDOWS_S), usual)
         for flight in flights
     )
     count = sum(item.starts.samples.size for item in made)
@@ -358,10 +370,10 @@ def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structu
 
 
 def refined_by_output_error(
-    estimate: Estimate, flights: Flights, vehicle: KnownVehicle
+    problem: LaggedRuns, estimate: Estimate, flights: Flights
 ) -> tuple[Estimate, tuple[Finding, ...]]:
     """The estimate whose multi-step predictions leave least, and what stands out: see docs/rigid-body.md."""
-    minimum = minimised(first_structure(estimate, flight_windows(flights, vehicle)))
+    minimum = minimised(first_structure(estimate, flight_windows(problem, flights)))
     for _ in range(ROUNDS):
         other = minimum.structure.chosen(minimum.linearised())
         if other.kept == minimum.structure.kept:

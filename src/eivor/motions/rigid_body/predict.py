@@ -98,6 +98,7 @@ class StatePropagator:
     starts: motion.Starts
     turns: tuple[bool, ...] = (True, True, True)  # Axes that the rotors turn
     lifts: bool = True
+    usual: float = 0.0  # State of a rotor that damping and drag are for; zero for hover by the first model
 
     def __call__(
         self, body: Float[np.ndarray, "13 states"], now: Int[np.ndarray, " starts"]
@@ -133,6 +134,8 @@ class StatePropagator:
     @cached_property
     def _usual(self) -> float:
         flight, thrust = self.logged.flight, self.models[0].get(THRUST.name, 0.0)
+        if self.usual:
+            return self.usual
         return regression.hover_state(flight, self.vehicle, thrust) or regression.usual_state((flight,))
 
     @cached_property

@@ -16,7 +16,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import OUTPUT_ERROR
 from eivor.estimation.methods import by_name, identify
 from eivor.flights import verdict
-from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities
+from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec
 from eivor.inference.confidence_set import principal_axes
@@ -78,19 +78,25 @@ def refined_rotor_inertia(
     ratios = identified_ratios(free)
     if ratios is None:
         return problem, free
-    hover = hover_over_usual(problem, joint_quantities(free))
+    hover, _ = hover_over_usual(problem, free)
     linked = with_common_rotor_inertia(problem, ratios, free, hover)
     return linked, estimated(linked)
 
 
-def hover_over_usual(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]) -> float:
-    """State of a rotor at hover over that which drag and damping are identified for."""
-    columns = problem.columns[0].moving
-    if terms.THRUST.name not in joint or not isinstance(columns, terms.RotorColumns):
-        return 1.0
+def hover_over_usual(
+    problem: LaggedRuns, estimate: Estimate
+) -> tuple[float, Float[np.ndarray, " joint"] | float]:
+    """State of a rotor at hover over that which drag and damping are for, and its gradient."""
+    columns, thrust = problem.columns[0].moving, estimate.parameters.get(terms.THRUST.name, 0.0)
+    if not isinstance(columns, terms.RotorColumns):
+        return 1.0, 0.0
     states = columns.states
-    hover = terms.hover_state(states.flight, states.vehicle, joint[terms.THRUST.name].value)
-    return 1.0 if hover is None else hover / states.usual
+    hover = terms.hover_state(states.flight, states.vehicle, thrust)
+    if hover is None:
+        return 1.0, 0.0
+    chosen = input_map(states.flight.input_map)
+    by_thrust = -float(chosen(np.array([hover]))[0]) / (chosen.slope(hover) * thrust * states.usual)
+    return hover / states.usual, by_thrust * estimate.direction(terms.THRUST.name)
 
 
 def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
