@@ -23,6 +23,7 @@ from eivor.motions.rigid_body.compatibility import (
     with_one_clock,
 )
 from eivor.motions.rigid_body.output_error import weights_of
+from eivor.motions.rigid_body.verdict import hover_over_usual
 from eivor.report.document import bounded_numbers
 from eivor.signals.recording import Frame
 from flights.flight_logs import channel
@@ -63,9 +64,16 @@ def test_instruments_contradict_refined_numbers_only_beyond_the_errors_of_both(f
     result = ev.identify_flight(flight.recording, model=BODY, method="output_error")
     assert result.verdict.status is Status.IDENTIFIED
     assert result.diagnostics["over_identification_p_value"] > 0.01
-    first = ev.identify_flight(flight.recording, model=BODY).estimate
+    by_references = ev.identify_flight(flight.recording, model=BODY)
+    problem, first = by_references.fit.problem, by_references.estimate
     moved = replace(first, solution=replace(first.solution, theta=1.1 * first.theta))
     assert refined_agreement(first, moved).p_value < 1e-6
+    # damping and drag are for rotors at hover, which has the error of the thrust gain
+    (ratio, by_joint), step = hover_over_usual(problem, first), 1e-4 * first.theta
+    moved = replace(first, solution=replace(first.solution, theta=first.theta + step))
+    change = by_joint[: step.size] @ step
+    assert hover_over_usual(problem, moved)[0] - ratio == pytest.approx(change, rel=1e-3)
+    assert change == pytest.approx(-0.5e-4 * ratio, rel=1e-3)
 
 
 def test_the_setpoints_of_a_path_identify_the_drag_of_a_real_flight(recordings):
