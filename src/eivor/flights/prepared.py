@@ -401,11 +401,8 @@ class PreparedFlight:
             ends = self.grid.time_s[[0, -1]] + [-2.0 * CAUGHT_UP_S, CAUGHT_UP_S]
             near = slice(*np.searchsorted(command.time_s, ends).tolist())
             part = replace(command, time_s=command.time_s[near], values=command.values[near])
-            slowed, capped = (
-                rate_limited(part.values, part.time_s, rates),
-                np.minimum(part.values, levels[:, None]),
-            )
-            each = [command_on_grid(replace(part, values=row), self.grid)[0] for row in (*slowed, *capped)]
+            made = (*rate_limited(part.values, part.time_s, rates), *np.minimum(part.values, levels[:, None]))
+            each = [command_on_grid(replace(part, values=row), self.grid)[0] for row in made]
             return np.stack(each, axis=1)
 
         return np.stack([on_grid(command) for command in self.issued], axis=1)

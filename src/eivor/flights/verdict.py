@@ -118,8 +118,7 @@ class VerdictInputs:
 
     def factor(self, times: float, name: str) -> tuple[float, float]:
         """What so many times the errors of the flights are to an interval: what was given stays as it is."""
-        of = ACTUATOR_LAG.name if name == EFFECTIVE_LAG else name
-        given = self.prior_share.get(of, 0.0)
+        given = self.prior_share.get(ACTUATOR_LAG.name if name == EFFECTIVE_LAG else name, 0.0)
         whole = math.sqrt(times**2 * (1.0 - given) + given)
         return (whole, whole) if whole > 1.0 + LEAST_FACTOR else (0.0, 0.0)
 

@@ -525,8 +525,7 @@ def answered_share(parts: Sequence[Float[np.ndarray, "n 3"]]) -> float:
     moments = (table.T @ table) / len(table)
 
     def left(count: int) -> float:
-        past = moments[:count, :count]
-        solved = np.linalg.lstsq(past, moments[:count, -1], rcond=1e-13)[0]
+        solved = np.linalg.lstsq(moments[:count, :count], moments[:count, -1], rcond=1e-13)[0]
         return float(moments[-1, -1] - moments[:count, -1] @ solved)
 
     new, rest = left(OWN_PAST), left(OWN_PAST + OUTPUT_PAST)

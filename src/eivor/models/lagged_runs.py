@@ -314,6 +314,13 @@ class LaggedRuns(SeparableProblem):
                 np.concatenate([block.real.T, block.imag.T], axis=1, out=rows[number])
         yield from zip(at, made, strict=True)
 
+    def with_nuisances(self, nuisances: tuple[Nuisance, ...]) -> LaggedRuns:
+        result, names = replace(self, nuisances=nuisances), ["_bin_layout", "_fixed_bins", "instrument_bins"]
+        if [item.name for item in nuisances] == [item.name for item in self.nuisances]:
+            names += ["_memo", "_latest"]
+        vars(result).update({name: vars(self)[name] for name in names if name in vars(self)})
+        return result
+
     def with_instruments(self, instruments: Sequence[Float[np.ndarray, "n p"]]) -> LaggedRuns:
         """The same with other instruments of each flight and axis."""
         pairs = zip(self.columns, instruments, strict=True)

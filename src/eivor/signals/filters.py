@@ -277,12 +277,10 @@ def rate_limited(
     step = np.diff(time_s, prepend=time_s[0])
     block = max(int(CAUGHT_UP_S / max(float(np.median(step)), 1e-6)), 1)
     # each block begins a block earlier
-    rows = np.arange(0, values.size, block)[:, None] + np.arange(-block, block)
-    rows = rows.clip(0, values.size - 1)
-    at, most = values[rows], limits[:, None, None] * step[rows]
-    state = np.broadcast_to(at[:, 0], most.shape[:2])
-    results = np.empty(most.shape)
+    rows = (np.arange(-block, block)[:, None] + np.arange(0, values.size, block)).clip(0, values.size - 1)
+    at, most = values[rows], step[rows][:, None] * limits[:, None]
+    state, results = np.broadcast_to(at[0], most.shape[1:]), np.empty(most.shape)
     for k in range(2 * block):
-        state = state + np.clip(at[:, k] - state, -most[..., k], most[..., k])
-        results[..., k] = state
-    return results[..., block:].reshape(limits.size, len(rows) * block)[:, : values.size]
+        state = state + np.minimum(np.maximum(at[k] - state, -most[k]), most[k])
+        results[k] = state
+    return results[block:].transpose(1, 2, 0).reshape(limits.size, rows.shape[1] * block)[:, : values.size]

@@ -162,8 +162,7 @@ class Channel:
             return []
         # differences twice: one array of a channel's length at a time
         usual = float(np.median(np.diff(self.time_s), overwrite_input=True))
-        bound = max(factor * usual, at_least_s)
-        wide = np.flatnonzero(np.diff(self.time_s) > bound)
+        wide = np.flatnonzero(np.diff(self.time_s) > max(factor * usual, at_least_s))
         return [(float(self.time_s[i]), float(self.time_s[i + 1])) for i in wide]
 
 

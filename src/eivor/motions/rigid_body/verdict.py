@@ -187,8 +187,7 @@ def with_gyroscopic_moments(models: Sequence[Values]) -> list[Values]:
     if not {terms.REACTION.name, *OF_INERTIAS} <= set(fit) or names[0] in fit:
         return list(models)
     ratios = dict(zip(names, inertia_ratios(fit), strict=True))
-    of_all = [values.get(terms.REACTION.name, 0.0) for values in models]
-    pairs = zip(models, of_all, strict=True)
+    pairs = zip(models, [values.get(terms.REACTION.name, 0.0) for values in models], strict=True)
     return [{**values, **{name: ratio * J for name, ratio in ratios.items()}} for values, J in pairs]
 
 

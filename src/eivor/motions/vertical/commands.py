@@ -171,9 +171,11 @@ def _levels(flights: Sequence[PreparedFlight]) -> list[CommandLimit]:
 
 def within_limit(problem: VerticalFlights) -> VerticalFlights:
     """The problem with commands as they act, where these have a limit."""
-    limit = None if any(flight.command_limit for flight in problem.flights) else command_limit(problem)
-    if limit is None:
+    if problem.unlimited or any(flight.command_limit for flight in problem.flights):
         return problem
+    limit = command_limit(problem)
+    if limit is None:
+        return replace(problem, unlimited=True)
     flights = tuple(
         replace(flight, signals=flight.prepared.within(limit).signals, command_limit=limit)
         for flight in problem.flights

@@ -294,6 +294,7 @@ class VerticalFlights(lagged_runs.LaggedRuns):
     rule: separable.InstrumentRule = field(default_factory=separable.NoInstruments)
     terms: tuple[OptionalTerm, ...] = ()
     curve: FittedCurve | None = None
+    unlimited: bool = False  # Whether no limit of commands was found with this map
 
     @property
     def few_rows(self) -> bool:
@@ -455,8 +456,7 @@ class Balance:
         """B = g + mean z'' + K mean z' - K_u mean U less the terms; its variance is robust [m/s^2]."""
 
         def mapped_mean(nuisance_values: separable.Values) -> float:
-            runs = WeightBalance(self.problem, nuisance_values).columns
-            return float(np.concatenate(runs)[:, 2].mean())
+            return float(np.concatenate(WeightBalance(self.problem, nuisance_values).columns)[:, 2].mean())
 
         searched = [nuisance for nuisance in self.problem.nuisances if nuisance.searched]
         slopes = [nuisance.derivative(mapped_mean, self.estimate.nuisances) for nuisance in searched]
