@@ -349,12 +349,12 @@ def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.nd
             root, plain = _root(data.swapaxes(1, 2)), np.ones(len(data), dtype=np.bool_)
             S = problem.declared_noise()
         else:
-            # turned round, so that what is multiplied is not itself: that way is faster for few columns
-            products, psi = (data[:, ::-1] @ data.swapaxes(1, 2))[:, ::-1] / count, slice(tested or unknowns)
-            noise = assembler.noise(problem)
-            cross, gram = products[:, psi, tested:], products[:, tested:-1, tested:-1]
+            # no array times itself: BLAS would take another way, which is slower for few columns
+            products = data[:, : tested or unknowns] @ data.swapaxes(1, 2) / count
+            gram = (data[:, tested:-1] @ data[:, tested:].swapaxes(1, 2) / count)[..., :-1]
+            noise, cross = assembler.noise(problem), products[..., tested:]
             equations = cross if noise is None else cross - noise
-            plain = _is_strong(products[:, psi, psi], cross[..., :-1], gram, count, noise)
+            plain = _is_strong(products[..., : products.shape[1]], cross[..., :-1], gram, count, noise)
             if assembler.takes_out_own_noise:
                 scale = 1.0 / np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
                 scaled = scale[:, :, None] * equations[..., :-1] * scale[:, None]
