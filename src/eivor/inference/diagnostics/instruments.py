@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from eivor.inference.covariance import cosine_averages, unit_scale
+from eivor.inference.covariance import cosine_averages, cosine_covariance, unit_scale
 from eivor.inference.diagnostics import record
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.verdict import Reason, Status
@@ -101,7 +101,7 @@ def endogeneity(
     B = record.joint_averages(degrees, products.counts.size)
     h = h @ U
     total = h.sum(axis=0)
-    statistic = record.quadratic_form(total, record.covariance_of_total(h, B))
+    statistic = record.quadratic_form(total, cosine_covariance([h], len(h), B))
     rows = products.rows
     durbin = record.quadratic_form(total, float(power.sum()) / rows * (U.T @ spread @ U))
     freedom = rows - gamma.size - degrees
@@ -171,7 +171,7 @@ def robust_over_identification(products: record.EquationProducts) -> OverIdentif
     T, sums = products.whitening, products.equation_sums
     degrees = max(T.shape[1] - products.sensitivity.shape[1], 0)
     B = record.joint_averages(degrees, products.counts.size)
-    S = record.covariance_of_total(sums @ T, B) / products.count
+    S = cosine_covariance([sums @ T], len(sums), B) / products.count
     mean = T.T @ (sums.sum(axis=0) / products.count)
     return hansen_j(mean, T.T @ products.sensitivity, S, products.count, B)
 
@@ -250,13 +250,15 @@ def strength(
     B = record.joint_averages(rank, products.counts.size)
     # psi (phi - a' T' psi)' of each block, as combinations of the columns of its products
     unexplained = np.vstack([-(T @ a), np.diag(scale), np.zeros(count)])
-    scores = np.tensordot(products.sums, unexplained, 1)[:, : products.tested]
-    scores -= products.counts[:, None, None] * (products.shared * scale)
-    L = cosine_averages(scores, B).swapaxes(1, 2) @ (T / np.sqrt(B * products.count))
+    blocks, width, _ = products.sums.shape
+    scores = (products.sums.reshape(-1, width) @ unexplained).reshape(blocks, width, count)
+    scores = scores[:, : products.tested] - products.counts[:, None, None] * (products.shared * scale)
+    L = cosine_averages(scores, B).transpose(2, 0, 1) @ (T / np.sqrt(B * products.count))
     cross = a.T @ shared
     residual = R - a.T @ a - cross - cross.T
     directions = record.partial_directions(a)
-    explained = ((a @ directions.T) ** 2).sum(axis=0)
+    alone = directions @ a.T
+    explained = (alone * alone).sum(axis=1)
     total, unexplained = (((directions @ item) * directions).sum(axis=1) for item in (R, residual))
     tested = unexplained > UNEXPLAINED
     white, partial, effective = (np.full(count, x) for x in (np.inf, 1.0, np.inf))
@@ -264,8 +266,8 @@ def strength(
     np.divide(explained, freedom * unexplained, out=white, where=tested)
     np.divide(explained, total, out=partial, where=tested)
     # each direction of the scores without what the other columns move
-    basis, alone = orthogonal_factors(a)[0], (a @ directions.T * unit_scale(explained)).T[:, :, None]
-    moved = np.tensordot(directions, L, (1, 1))
+    basis, alone = orthogonal_factors(a)[0], (alone * unit_scale(explained)[:, None])[:, :, None]
+    moved = (directions @ L.reshape(count, -1)).reshape(L.shape)
     moved += moved @ alone @ alone.swapaxes(1, 2) - moved @ basis @ basis.T
     endogenous, sizes = residual.diagonal() > UNEXPLAINED, (products.count, products.rows)
     least, robust, worst = _smallest(a, residual, L, endogenous, sizes)
@@ -282,23 +284,23 @@ def strength(
 def _smallest(
     a: Float[np.ndarray, "q n"],
     residual: Float[np.ndarray, "n n"],
-    L: Float[np.ndarray, "averages n q"],
+    L: Float[np.ndarray, "n averages q"],
     endogenous: np.ndarray,
     sizes: tuple[float, float],
 ) -> tuple[float, float, Float[np.ndarray, "averages q"]]:
     """Cragg and Donald's F, its robust counterpart, and scores of the combination that hardly moves."""
     (count, rows), rank = sizes, a.shape[0]
     if not endogenous.any():
-        return float("inf"), float("inf"), np.zeros((len(L), rank))
+        return float("inf"), float("inf"), np.zeros(L.shape[1:])
     noise = residual * (count / max(rows - rank, 1.0))
     if not endogenous.all():
         basis, rank = orthogonal_factors(a[:, ~endogenous])[0], rank - int((~endogenous).sum())
-        a, L, noise = a[:, endogenous], L[:, endogenous], noise[endogenous][:, endogenous]
+        a, L, noise = a[:, endogenous], L[endogenous], noise[endogenous][:, endogenous]
         a, L = a - basis @ (basis.T @ a), L - L @ basis @ basis.T
-    power = count * a.T @ a
+    power, scores = count * a.T @ a, L.reshape(len(L), -1)
     white, _ = _least_eigenvalue(power, rank * noise)
-    robust, direction = _least_eigenvalue(power, np.tensordot(L, L, ((0, 2), (0, 2))))
-    return white, robust, np.tensordot(direction, L, (0, 1))
+    robust, direction = _least_eigenvalue(power, scores @ scores.T)
+    return white, robust, (direction @ scores).reshape(L.shape[1:])
 
 
 def _least_eigenvalue(

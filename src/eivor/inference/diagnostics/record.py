@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from eivor.inference.covariance import column_scale, cosine_averages, unit_scale
+from eivor.inference.covariance import column_scale, unit_scale
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.estimating_equation import Products
 from eivor.inference.verdict import Reason
@@ -27,12 +27,6 @@ AVERAGES_PER_EQUATION = 3
 def joint_averages(equations: int, blocks: int) -> int:
     """Averages for a joint test of `equations`: three for each and at least eight, as blocks permit."""
     return min(max(LEAST_AVERAGES, AVERAGES_PER_EQUATION * equations), blocks // 2)
-
-
-def covariance_of_total(sums: Float[np.ndarray, "K n"], averages: int) -> Float[np.ndarray, "n n"]:
-    """Covariance of the sum over all blocks."""
-    L = cosine_averages(sums, averages)
-    return L.T @ L / averages
 
 
 def quadratic_form(total: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> float:

@@ -98,7 +98,7 @@ def constancy(influence: Float[np.ndarray, "K n"]) -> Constancy:
         path = each[int(np.argmin(p_values))]
         joint = min(1.0, unknowns * float(p_values.min()))
     k = TRIMMED + int(np.argmax(path))
-    change = GROUPS * (groups[k:].mean(axis=0) - groups[:k].mean(axis=0))
+    change = GROUPS * (groups[k:].sum(axis=0) / (GROUPS - k) - groups[:k].sum(axis=0) / k)
     return Constancy(float(path.max()), joint, p_values, k / GROUPS, change)
 
 
