@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -314,8 +315,9 @@ class LaggedRuns(SeparableProblem):
                 np.concatenate([block.real.T, block.imag.T], axis=1, out=rows[number])
         yield from zip(at, made, strict=True)
 
-    def with_nuisances(self, nuisances: tuple[Nuisance, ...]) -> LaggedRuns:
-        result, names = replace(self, nuisances=nuisances), ["_bin_layout", "_fixed_bins", "instrument_bins"]
+    def with_nuisances(self, nuisances: tuple[Nuisance, ...], **changes: Any) -> Any:
+        result = replace(self, nuisances=nuisances, **changes)
+        names = ["_bin_layout", "_fixed_bins", "instrument_bins"]  # no spectrum is made twice
         if [item.name for item in nuisances] == [item.name for item in self.nuisances]:
             names += ["_memo", "_latest"]
         vars(result).update({name: vars(self)[name] for name in names if name in vars(self)})

@@ -253,8 +253,7 @@ def as_columns(raw: RawTopic, layout_of: messages.LayoutOf, findings: list[Findi
         return None
     message = (stamp_ns > 0) & (stamp_ns < LAST_NS)
     if message.any():
-        middle = int(np.median(stamp_ns[message]))
-        message &= np.abs(stamp_ns - middle) <= round(MAX_SPAN_S * 1e9)
+        message &= np.abs(stamp_ns - int(np.median(stamp_ns[message]))) <= round(MAX_SPAN_S * 1e9)
     lost = int((~message).sum())
     text = f"{raw.name} without a stamp that can be, which were left out: {lost}"
     findings += noted("time_stamps", "Messages of {}.", lost and text)

@@ -231,8 +231,7 @@ def _second_stage(inputs: verdict.VerdictInputs, name: str) -> tuple[float, floa
         imitated_s = _imitated_s(lag_s)
     else:
         imitated_s = math.hypot(lag_s - second.value, second.value) - lag_s
-    by_name = {DELAY.name: -imitated_s, ACTUATOR_LAG.name: imitated_s}
-    ends = 0.0, change, by_name.get(name, 0.0)
+    ends = 0.0, change, {DELAY.name: -imitated_s, ACTUATOR_LAG.name: imitated_s}.get(name, 0.0)
     return -min(ends), max(ends)
 
 

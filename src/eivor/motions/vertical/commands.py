@@ -175,7 +175,7 @@ def within_limit(problem: VerticalFlights) -> VerticalFlights:
         return problem
     limit = command_limit(problem)
     if limit is None:
-        return replace(problem, unlimited=True)
+        return problem.with_nuisances(problem.nuisances, unlimited=True)
     flights = tuple(
         replace(flight, signals=flight.prepared.within(limit).signals, command_limit=limit)
         for flight in problem.flights
