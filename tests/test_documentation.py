@@ -24,7 +24,7 @@ import pytest
 import eivor
 import eivor as ev
 from eivor.motions.declaration import machine_of
-from eivor.motions.vertical.regression import VerticalFlights
+from eivor.motions.vertical.regression import VerticalFlights, mapped_input
 from eivor.strict_toml import toml_table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -528,11 +528,10 @@ def fitted(example, lag_s):
     problem = example.fit.problem
     assert isinstance(problem, VerticalFlights)
     (flight,) = problem.flights
-    mapped = flight.mapped_input(problem.motion, lag_s, 0.0)
-    rows = np.column_stack([-flight.velocity, mapped, np.ones(mapped.size)])
-    theta = np.linalg.lstsq(rows, flight.acceleration, rcond=None)[0]
-    residual = flight.acceleration - rows @ theta
-    return float(theta[0]), 1.0 - float(residual.var() / flight.acceleration.var())
+    mapped, force = mapped_input(flight, lag_s=lag_s), flight.signals.channel("specific_force_z")
+    rows = np.column_stack([-flight.signals.channel("velocity_z"), mapped, np.ones(mapped.size)])
+    theta = np.linalg.lstsq(rows, force, rcond=None)[0]
+    return float(theta[0]), 1.0 - float((force - rows @ theta).var() / force.var())
 
 
 @pytest.mark.thorough

@@ -8,13 +8,13 @@ from functools import cache
 import numpy as np
 
 import eivor as ev
+from eivor.flights.grid import Active, Grid
 from eivor.flights.prepare import prepare
-from eivor.models.lagged_runs import lag_and_delay
+from eivor.flights.prepared import InputFamily, PreparedFlight
+from eivor.models.lagged_runs import BAND_HZ, lag_and_delay
 from eivor.models.separable import LaggedReferences
 from eivor.motions.vertical.motion import Vertical
-from eivor.motions.vertical.regression import VerticalFlight, vertical_problem
 from eivor.signals.recording import CONTROLLER_RATE, Channel, Recording
-from eivor.signals.thrust_map import Power
 from eivor.simulation.vertical import (
     AltitudeController,
     VerticalEnvironment,
@@ -182,12 +182,20 @@ def flights(count, *, seconds, noise, delay_s=0.0, seed=0):
         whites = {name: ev.WhiteNoise(std) for name, std in declared.items()}
         signals = ev.Signals(1.0 / STEP_S, channels, noise=whites)
         # The start is left out: the rotor then was where the model cannot know.
-        made.append(VerticalFlight(signals, "rotor_command", False, (slice(100, shape[0]),)))
+        made.append(prepared_of(signals, slice(100, shape[0]), family="rotor_command", by="square"))
     return made
+
+
+def prepared_of(signals, *runs, family="input", by="linear", measured=False):
+    """A flight of signals, whose samples are all usable."""
+    grid = Grid(0.0, signals.step_s, (range(signals.sample_count),))
+    usable = np.ones(grid.count, dtype=bool)
+    of = recording(dict(signals.channels)), signals, InputFamily(family, measured), by, runs, BAND_HZ
+    return PreparedFlight(*of, (), Active(usable, ""), usable, {}, (), grid)
 
 
 def problem(*which, lags=None, delays=(0.0,)):
     """The separable problem of flights, by default with a coarse grid of lags."""
     grid = np.geomspace(0.01, 0.2, 6) if lags is None else lags
     rule = LaggedReferences(("reference_position_z", "reference_acceleration_z"))
-    return vertical_problem(which, ev.VerticalMotion(Power(2.0)), rule, lag_and_delay(grid, delays))
+    return Vertical().problem(which, rule).with_nuisances(lag_and_delay(grid, delays))

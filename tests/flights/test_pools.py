@@ -36,8 +36,7 @@ from eivor.inference.verdict import Status, Verdict
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.motion import Vertical, vertical_flight
-from eivor.motions.vertical.regression import vertical_problem
+from eivor.motions.vertical.motion import Vertical
 from eivor.report.flight import checks, result_card
 from eivor.report.other_results import report_changes, track_document, track_figure, track_json, untold
 from eivor.report.terminal import on_terminal
@@ -204,10 +203,7 @@ def pair():
 def pooled(pair, recordings):
     """Return what `identify_flight` makes of a pool, without each flight's own result."""
     prepared = tuple(prepare(log, pair.motion, pair.options) for log in recordings)
-    made = pair.fit.problem
-    problem = vertical_problem(
-        tuple(vertical_flight(flight) for flight in prepared), made.motion, made.rule, made.nuisances
-    )
+    problem = pair.fit.problem.of(prepared)
     estimate = identify(problem, reference_iv())
     quantities = {
         name: quantity.judged(Verdict(Status.IDENTIFIED), pair.motion.quantities[name])
@@ -243,7 +239,7 @@ def test_replicates_are_what_the_recipe_makes_of_the_drawn_flights(pool):
     for replicate in fast.replicates:
         drawn = random.integers(0, 10, 10)
         flights = tuple(pool.fit.problem.flights[number] for number in drawn)
-        full = identify(vertical_problem(flights, alone.motion, alone.rule, alone.nuisances), reference_iv())
+        full = identify(alone.of(flights), reference_iv())
         for name in ("viscous_friction", "input_gain", "actuator_lag"):
             away = replicate[fast.names.index(name)] - full.parameters[name]
             assert abs(away) < 0.25 * pool.quantities[name].std_error

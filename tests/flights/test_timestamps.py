@@ -52,13 +52,12 @@ from eivor.motions.vertical.model import (
     share_of,
     thrust_of,
 )
-from eivor.motions.vertical.motion import Vertical, vertical_flight
-from eivor.motions.vertical.regression import input_variance
+from eivor.motions.vertical.motion import Vertical
+from eivor.motions.vertical.regression import input_variance, mapped_input
 from eivor.motions.vertical.select import selected
 from eivor.report.flight import checks
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel, DataSheet, Frame, Recording
-from eivor.signals.thrust_map import input_map
 from motions.turning_logs import STEP_S as TURNED_STEP_S
 from motions.turning_logs import Vehicle, turned
 
@@ -488,9 +487,8 @@ def test_without_a_declared_noise_it_says_what_to_do(calm_log):
 def test_a_flight_gives_its_signals(calm_log):
     flight = prepare(calm_log, Vertical(), FlightOptions(noise={"velocity_z": NOISE}))
     assert flight.signals.noise["velocity_z"].std == pytest.approx(NOISE)
-    driving, square = vertical_flight(flight), input_map("square")
-    assert input_variance(driving, square) == 0.0
-    lagged = driving.mapped_input(ev.VerticalMotion(square), LAG_S)
+    assert (flight.input_map, input_variance(flight, {"velocity_z": NOISE**2})) == ("square", 0.0)
+    lagged = mapped_input(flight, lag_s=LAG_S)
     channels = {**flight.signals.channels, "input": lagged}
     noise = {**flight.signals.noise, "input": ev.WhiteNoise(0.0)}
     signals = replace(flight.signals, channels=channels, noise=noise, valid=flight.used)
@@ -509,9 +507,9 @@ def test_noise_of_measured_rotors_goes_through_the_map():
     rotor = replace(command, name="rotor_speed_1", held=False)
     calm_log = changed(quiet, rotor_speed_1=rotor)
     given = FlightOptions(input="rotor_speed", input_map="square", noise={"rotor_speed": 0.01})
-    flight = vertical_flight(prepare(calm_log, Vertical(), given))
+    flight = prepare(calm_log, Vertical(), given)
     expected = 0.01 * 2.0 * np.sqrt(np.mean(command.values**2))
-    assert input_variance(flight, input_map("square")) == pytest.approx(expected**2, rel=0.04)
+    assert input_variance(flight, {"rotor_speed_1": 0.01**2}) == pytest.approx(expected**2, rel=0.04)
 
 
 def telemetry(log, late_s):

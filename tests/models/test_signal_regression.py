@@ -42,11 +42,13 @@ from eivor.models.separable import LaggedInputs, LaggedReferences, NoInstruments
 from eivor.models.signal_regression import SignalRegression, cross_fitted
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.motions.vertical.regression import VerticalFlight, vertical_problem
+from eivor.motions.vertical.motion import Vertical
+from eivor.motions.vertical.regression import mapped_input
 from eivor.signals.filters import actuator_state, first_order_lag, shifted_by
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
+from flights.flight_logs import prepared_of
 from refusal_rows import calls, rows, table
 
 NAMES = ("velocity_z", "specific_force_z", "input", "cos_tilt")
@@ -287,10 +289,11 @@ def test_lagged_inputs_are_the_past_and_rest_before_it():
 def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
     signals, other = flight_signals(seed=3), flight_signals(seed=4)
     flights = (
-        VerticalFlight(signals, "input", False, (slice(0, 300), slice(350, 800))),
-        VerticalFlight(other, "input", False, (slice(100, 700),)),
+        prepared_of(signals, slice(0, 300), slice(350, 800)),
+        prepared_of(other, slice(100, 700)),
     )
-    problem = vertical_problem(flights, VerticalMotion(), LaggedReferences(("reference_position_z",)))
+    rule = LaggedReferences(("reference_position_z",))
+    problem = Vertical().problem(flights, rule)
     rows = problem.rows(AT)
     assert rows.response.size == 300 + 450 + 600
     np.testing.assert_array_equal(rows.layout.flight_of_row, np.repeat([0, 1], [750, 600]))
@@ -300,21 +303,21 @@ def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
         start = here.stop
         s = flight.signals.channel("specific_force_z")[run]
         v = flight.signals.channel("velocity_z")[run]
-        U = flight.mapped_input(VerticalMotion(), 0.05, 0.02)[run]
+        U = mapped_input(flight, lag_s=0.05, delay_s=0.02)[run]
         np.testing.assert_allclose(rows.response[here], s - s.mean(), atol=1e-12)
         np.testing.assert_allclose(rows.regressors[here, 0], v.mean() - v, atol=1e-12)
         np.testing.assert_allclose(rows.regressors[here, 1], U - U.mean(), atol=1e-12)
     # In frequency: a run's block is what its own flight alone gives.
     bins = problem.bins(AT)
-    alone = vertical_problem((flights[1],), VerticalMotion(), problem.rule).bins(AT)
+    alone = Vertical().problem((flights[1],), rule).bins(AT)
     count = alone.layout.runs[0].count
     for name in ("regressors", "instruments", "responses"):
         np.testing.assert_allclose(getattr(bins, name)[-count:], getattr(alone, name), atol=1e-12)
 
 
 def test_measured_actuators_have_a_delay_of_either_sign_and_no_lag():
-    flight = VerticalFlight(flight_signals(), "input", True, (slice(0, 800),))
-    problem = vertical_problem((flight,), VerticalMotion())
+    flight = prepared_of(flight_signals(), slice(0, 800), measured=True)
+    problem = Vertical().problem((flight,), NoInstruments())
     lag, delay = problem.nuisances
     np.testing.assert_array_equal(lag.grid, [0.0])
     assert delay.searched
@@ -639,8 +642,7 @@ class Uneven(LaggedInputs):
 
 def problem_of_runs(runs):
     rising, falling = (flight_signals(velocity_z=sign * np.ones(800)) for sign in (1.0, -1.0))
-    flights = tuple(VerticalFlight(signals, "input", False, runs) for signals in (rising, falling))
-    vertical_problem(flights, VerticalMotion(), Uneven())
+    Vertical().problem(tuple(prepared_of(signals, *runs) for signals in (rising, falling)), Uneven())
 
 
 BARE = regression(response=Y, regressors=PHI, instruments=PHI)

@@ -26,7 +26,7 @@ from eivor.inference.distributions import chi_square_tail, t_quantile, t_tail
 from eivor.models.separable import GivenBins
 from eivor.models.spectral import SpectralRun
 from eivor.signals.channels import CurveSide, family_members
-from eivor.signals.filters import CAUGHT_UP_S, rate_limited
+from eivor.signals.filters import CAUGHT_UP_S, actuator_state, rate_limited, shifted_by
 from eivor.signals.recording import ROTARY_WING, VTOL, Channel, Finding, Recording
 from eivor.signals.signals import Signals
 from eivor.tools import Bool, Float, Int
@@ -153,6 +153,12 @@ class InputFamily:
     input_map: str = "linear"  # Name of the map from its values to what enters the equation
     numbered: bool = False  # One channel for each actuator, recognised by numbers from 1 on
     least_rate_hz: float = 0.0  # Slower channels are passed over where there is another family [Hz]
+
+    def state(self, logged: Float[np.ndarray, "n m"], step_s: float, **path: float) -> np.ndarray:
+        """State of actuators by what is logged of them, at a lag, a delay and a second stage."""
+        if self.measured:
+            return shifted_by(logged, step_s=step_s, delay_s=path["delay_s"])
+        return actuator_state(logged, step_s=step_s, **path)
 
 
 @dataclass(frozen=True)

@@ -113,6 +113,18 @@ class AxisColumns:
         """Samples of a run that count; None for all."""
         return None if self.valid is None or self.valid[run].all() else self.valid[run]
 
+    def cut(self, columns: Float[np.ndarray, "n *k"]) -> list[Float[np.ndarray, "_ *k"]]:
+        """Rows of each run that count."""
+        counted = ((run, self.counted(run)) for run in self.runs)
+        return [columns[run] if inside is None else columns[run][inside] for run, inside in counted]
+
+    def whole(self, nuisances: Values, count: int) -> Float[np.ndarray, "n count"]:
+        """Columns of all parameters, so many, with zeros for those that are not in the equation."""
+        columns = self.moving(nuisances)
+        moving = np.zeros((len(columns), count - self.fixed.shape[1]))
+        moving[:, list(range(columns.shape[1]) if self.moved is None else self.moved)] = columns
+        return np.column_stack([self.fixed, moving])
+
     def spectral(self, run: slice) -> SpectralRun:
         """The run and its bins."""
         length, counted = run.stop - run.start, self.counted(run)

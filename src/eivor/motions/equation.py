@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -80,7 +81,7 @@ class Mirror:
                 name: np.diff(chain[last - order : last + 1], n=order, axis=0)[0] / (-lag_s) ** order
                 for name, order in self.orders.items()
             }
-            yield _evaluated(parsed(self.of), signals, given)
+            yield evaluated(parsed(self.of), signals, given)
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,7 @@ class AxisEquation:
     mirrors: tuple[Mirror, ...] = ()
     instruments_of: tuple[str, ...] = ()  # Expressions over references, in place of these
     averaged: tuple[str, ...] = ()  # Inputs that hold: what acts around a sample is the mean of two
+    linear: bool = True  # Whether `acting` is linear in what is logged
 
     def columns(
         self, signals: Signals, texts: Sequence[str], delay_s: float = 0.0
@@ -108,18 +110,18 @@ class AxisEquation:
         for name in self.averaged:
             late = shifted_by(signals.channel(name)[:, None], step_s=signals.step_s, delay_s=delay_s)
             held[name] = _around_samples(late[:, 0])
-        columns = [_evaluated(parsed(text), signals, held) for text in texts]
+        columns = [evaluated(parsed(text), signals, held) for text in texts]
         return np.array(columns).reshape(-1, signals.sample_count).T
 
-    def driven(self, signals: Signals, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
-        """Columns of the terms behind the actuators, at a lag and a delay."""
-        terms = [term for term in self.terms if term.behind]
-        used = {name for term in terms for name in term.expression.columns} & {*self.inputs}
-        path, states = {"step_s": signals.step_s, **actuators(nuisance_values)}, {}
-        for name in used:
-            states[name] = actuator_state(signals.family(name), **path).mean(axis=1)
-        columns = [_evaluated(term.expression, signals, states) for term in terms]
-        return np.array(columns).reshape(-1, signals.sample_count).T
+    def family(self, signals: Signals, name: str) -> Float[np.ndarray, "n m"]:
+        """What is logged of an input."""
+        return signals.family(name)
+
+    def acting(
+        self, logged: Float[np.ndarray, "n m"], signals: Signals, path: Mapping[str, float]
+    ) -> Float[np.ndarray, " n"]:
+        """What that makes behind the actuators: a mean of the family."""
+        return mean_of(actuator_state(logged, step_s=signals.step_s, **path))
 
     @property
     def is_forced(self) -> bool:
@@ -142,14 +144,14 @@ class AxisEquation:
     def instruments(self, signals: Signals, rule: InstrumentRule, others: set[str]) -> np.ndarray:
         """Its own references with their lags, and the curves of terms of them; or past inputs."""
         # an equation may hold what another one drives alone
-        inputs = [signals.family(name).mean(axis=1) for name in self.inputs]
+        inputs = [mean_of(signals.family(name)) for name in self.inputs]
         commands = inputs or [np.zeros(signals.sample_count)]
         if not isinstance(rule, LaggedReferences):
             return np.column_stack([rule.columns(signals, command) for command in commands])
         names = tuple(name for name in rule.channels if name not in others) or rule.channels
         lags = rule.lags if self.reference_lags is None else self.reference_lags
         if self.instruments_of:
-            made = {text: _evaluated(parsed(text), signals) for text in self.instruments_of}
+            made = {text: evaluated(parsed(text), signals) for text in self.instruments_of}
             more = replace(signals, channels={**signals.channels, **made})
             return replace(rule, channels=self.instruments_of, lags=lags).columns(more, commands[0])
         chains = replace(rule, channels=names, lags=lags).columns(signals, commands[0]).T
@@ -159,6 +161,31 @@ class AxisEquation:
                 first = names.index(mirror.reference) * (lags[0] + 1)
                 columns += mirror.columns(signals, chains[first : first + lags[0] + 1], lags[1])
         return np.array(columns).T
+
+
+@dataclass(frozen=True)
+class Driven:
+    """Columns of the terms of an equation behind the actuators, at a lag and a delay."""
+
+    axis: AxisEquation
+    signals: Signals
+
+    def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
+        axis, signals, path = self.axis, self.signals, actuators(nuisance_values)
+        states = {name: axis.acting(logged, signals, path) for name, logged in self._logged.items()}
+        columns = [evaluated(term.expression, signals, states) for term in axis.terms if term.behind]
+        return np.array(columns).reshape(-1, signals.sample_count).T
+
+    @cached_property
+    def _logged(self) -> dict[str, Float[np.ndarray, "n m"]]:
+        used = {name for term in self.axis.terms if term.behind for name in term.expression.columns}
+        return {name: self.axis.family(self.signals, name) for name in self.axis.inputs if name in used}
+
+
+def mean_of(family: Float[np.ndarray, "n m"]) -> Float[np.ndarray, " n"]:
+    """Mean of the members of a family."""
+    mean: Float[np.ndarray, " n"] = family[:, 0] if family.shape[1] == 1 else family.mean(axis=1)
+    return mean
 
 
 def _around_samples(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -184,13 +211,14 @@ def parsed(text: str) -> Expression:
     return parse_expression(text, "an equation", constant=True)
 
 
-def _evaluated(
+def evaluated(
     expression: Expression, signals: Signals, given: Mapping[str, np.ndarray] | None = None
 ) -> Float[np.ndarray, " n"]:
     """Value of an expression for each sample; `given` stands for channels of its names."""
-    channels = {**signals.channels, **(given or {})}
-    values = expression.evaluate({name: channels[name] for name in expression.columns}, signals.step_s)
-    return np.broadcast_to(values, (signals.sample_count,))
+    channels, known = signals.channels, given or {}
+    of = {name: known[name] if name in known else channels[name] for name in expression.columns}
+    values = expression.evaluate(of, signals.step_s)
+    return values if values.ndim else np.full(signals.sample_count, values)
 
 
 def logged_axes(axes: Sequence[AxisEquation], flights: motion.Flights) -> tuple[AxisEquation, ...]:
@@ -206,7 +234,10 @@ def logged_axes(axes: Sequence[AxisEquation], flights: motion.Flights) -> tuple[
 LATE_VALUES = 5
 
 
-class DeclaredMotion(motion.Motion[LaggedRuns]):
+R = TypeVar("R", bound=LaggedRuns)
+
+
+class DeclaredMotion(motion.Motion[R]):
     """A motion whose axes are declared equations."""
 
     axes: tuple[AxisEquation, ...]
@@ -214,8 +245,21 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
     grids: tuple[Sequence[float] | Float[np.ndarray, " _"], ...] = ()
     """Lags and delays to search [s]; those of `lag_and_delay` where there are none."""
 
-    def problem(self, flights: motion.Flights, rule: InstrumentRule) -> LaggedRuns:
-        logged = logged_axes(self.axes, flights)
+    def axes_of(self, flights: motion.Flights) -> Mapping[int, AxisEquation]:
+        """Equations of flights, by number."""
+        return {self.axes.index(axis): axis for axis in logged_axes(self.axes, flights)}
+
+    def signals(self, flight: PreparedFlight, axis: AxisEquation) -> Signals:
+        """What an equation of a flight is evaluated over."""
+        return _as_smooth(flight, axis.averaged)
+
+    def problem(self, flights: motion.Flights, rule: InstrumentRule) -> R:
+        return self.lagged_runs(flights, rule)  # type: ignore[return-value]
+
+    def lagged_runs(self, flights: motion.Flights, rule: InstrumentRule) -> LaggedRuns:
+        """Regressions of the equations for each lag and delay."""
+        by_number = self.axes_of(flights)
+        logged = tuple(by_number.values())
         steady = tuple(term.parameter for axis in logged for term in axis.terms if term.is_steady)
         behind = tuple(term.parameter for axis in logged for term in axis.terms if term.behind)
         slack_s = max(flight.command_slack_s for flight in flights)
@@ -224,8 +268,8 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
         fixed, moving = (tuple(p for p in steady if p not in delayed), delayed) if late else (steady, behind)
         columns = []
         for number, flight in enumerate(flights):
-            for axis in logged:
-                signals, index = _as_smooth(flight, axis.averaged), self.axes.index(axis)
+            for index, axis in by_number.items():
+                signals = self.signals(flight, axis)
                 known = [text for text in axis.response if {*parsed(text).columns} <= {*signals.channels}]
                 moves = [term for term in axis.terms if (axis.is_late(term) if late else term.behind)]
                 stays = [term for term in axis.terms if term.is_steady and term not in moves]
@@ -239,14 +283,14 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
                         flight.runs,
                         axis.columns(signals, known),
                         whole,
-                        axis.late(signals) if late else partial(axis.driven, signals),
-                        self.instruments(index, signals, rule),
+                        axis.late(signals) if late else Driven(axis, signals),
+                        self.instruments(axis, signals, rule),
                         number,
                         index,
                         flight.band_hz,
                         flight.usable,
                         tuple(moving.index(term.parameter) for term in moves),
-                        all(term.is_linear for term in moves) or (late and axis.is_forced),
+                        (axis.linear and all(term.is_linear for term in moves)) or (late and axis.is_forced),
                     )
                 )
         step_s = max((column.step_s for column in columns), default=0.0)
@@ -258,16 +302,15 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
             delay = replace(delay, grid=grid, prior=prior, tolerance=1e-3 * slack_s)
         return LaggedRuns(tuple(columns), (*fixed, *moving), (lag, delay))
 
-    def instruments(self, number: int, signals: Signals, rule: InstrumentRule) -> np.ndarray:
-        axis = self.axes[number]
+    def instruments(self, axis: AxisEquation, signals: Signals, rule: InstrumentRule) -> np.ndarray:
         others = {source.channel for item in self.axes if item != axis for source in item.references}
         return axis.instruments(signals, rule, others)
 
-    def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
+    def derive(self, problem: R, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         results = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}
         return {name: results[name] for name in self.quantities if name in results}
 
-    def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
+    def traces(self, problem: R, estimate: Estimate) -> tuple[Trace, ...]:
         traces = []
         for number in problem.axes:
             driving = {term.parameter for term in self.axes[number].terms if term.behind}
@@ -363,7 +406,7 @@ def _propagated(
     steady = [t for t in of_axis if t.expression.of_moments and t.expression.columns == (channel,)]
     others = [term for term in of_axis if term not in steady]
     moving = [term for term in axis.terms if term.behind]
-    driven = axis.driven(signals, values) @ np.array([values[term.name] for term in moving])
+    driven = Driven(axis, signals)(values) @ np.array([values[term.name] for term in moving])
     driven += axis.columns(signals, [term.of for term in others]) @ [values[term.name] for term in others]
 
     def of_state(of: np.ndarray) -> np.ndarray:
@@ -466,10 +509,11 @@ class Answers(msgspec.Struct):
         columns[:, of_steady] = axis.columns(signals, [term.of for term in steady])
         if behind:
             gains = [values[term.name] for term in behind]
-            columns[:, of_behind] = axis.driven(signals, at)
+            driven = Driven(axis, signals)
+            columns[:, of_behind] = driven(at)
             for name in at:
                 ends = [max(at[name] + part * self.step_s, 0.0) for part in (-0.5, 0.5)]
-                below, above = (axis.driven(signals, {**at, name: end}) @ gains for end in ends)
+                below, above = (driven({**at, name: end}) @ gains for end in ends)
                 columns[:, names.index(name)] = (above - below) / (ends[1] - ends[0])
         return columns
 

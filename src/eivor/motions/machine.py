@@ -219,7 +219,7 @@ def _refuse_missing(what: str, names: list[str], given: Mapping[str, Any]) -> No
 
 
 @dataclass(frozen=True)
-class Machine(DeclaredMotion):
+class Machine(DeclaredMotion[LaggedRuns]):
     """A motion that is declared, see `eivor.machine`."""
 
     name: str
@@ -500,8 +500,8 @@ class Machine(DeclaredMotion):
 
         def lagging(lag_s: float) -> LaggedRuns:
             made = replace(rule, lags=(count, lag_s))
-            signals = ((item.axis, flights[item.flight].signals) for item in first.columns)
-            return first.with_instruments([self.instruments(axis, of, made) for axis, of in signals])
+            signals = ((self.axes[item.axis], flights[item.flight].signals) for item in first.columns)
+            return first.with_instruments([self.instruments(*of, made) for of in signals])
 
         return max([first, *map(lagging, lags[1:])], key=partial(_strength, _sought(first)))
 
@@ -745,20 +745,12 @@ def _basis(matrix: np.ndarray) -> Float[np.ndarray, "rows n"]:
 
 def _intercept(problem: LaggedRuns, estimate: Estimate, axis: int, term: Term) -> QuantityEstimate:
     """Mean of what the other terms leave, over what the term is; its error has that of the parameters."""
-    left, regressors = [], []
-    theta = estimate.theta
+    left, regressors, theta = [], [], estimate.theta
     for item in problem.columns:
-        if item.axis != axis:
-            continue
-        moving = np.zeros((len(item.fixed), theta.size - item.fixed.shape[1]))
-        columns = item.moving(estimate.nuisances)
-        moving[:, list(range(columns.shape[1]) if item.moved is None else item.moved)] = columns
-        whole = np.column_stack([item.fixed, moving])
-        for run in item.runs:
-            inside = item.counted(run)
-            counted = slice(None) if inside is None else inside
-            left.append((item.responses[run, -1] - whole[run] @ theta)[counted])
-            regressors.append(whole[run][counted])
+        if item.axis == axis:
+            whole = item.whole(estimate.nuisances, theta.size)
+            left += item.cut(item.responses[:, -1] - whole @ theta)
+            regressors += item.cut(whole)
     series, per = np.concatenate(left), float(term.expression.evaluate({}))
     # power of the residual at the lowest frequencies, where the error of a mean is from
     position = np.pi * (np.arange(series.size) + 0.5) / series.size

@@ -78,7 +78,7 @@ TURNING = {
 }
 
 
-def response_paths(axis: str, machine: DeclaredMotion | None = None) -> dict[str, ResponsePath]:
+def response_paths(axis: str, machine: DeclaredMotion[Any] | None = None) -> dict[str, ResponsePath]:
     """Path of each axis: of one, or of all that turn; or of those of a declared machine."""
     offered = {
         **TURNING,

@@ -23,14 +23,12 @@ from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.verdict import Status, verdict
 from eivor.models.separable import LaggedInputs, LaggedReferences, NoInstruments
 from eivor.motions.vertical.misspecification import OmittedTerms
-from eivor.motions.vertical.model import VerticalMotion
-from eivor.motions.vertical.motion import Vertical, beyond, fitting_p_value, supply_findings, vertical_flight
-from eivor.motions.vertical.regression import ThrustDrift, check_terms
+from eivor.motions.vertical.motion import Vertical, beyond, fitting_p_value, supply_findings
+from eivor.motions.vertical.regression import ThrustDrift, check_terms, mean_command
 from eivor.motions.vertical.select import QUANTITIES
 from eivor.motions.vertical.verdict import PARTS, RULES, VerticalChecks, near_ground
 from eivor.report.flight import log_documents
 from eivor.signals.recording import GRAVITY
-from eivor.signals.thrust_map import input_map
 from flights.flight_logs import changed, channel, flown, prepare_vertical
 
 FRICTION, GAIN, HOVER, LAG = "viscous_friction", "input_gain", "hover_input", "effective_lag"
@@ -312,7 +310,7 @@ def test_the_mean_command_of_uneven_rotors_is_measured():
         for n, share in enumerate((1.25, 0.75), 1)
     }
     flight = prepare_vertical(changed(log, **each), ev.FlightOptions())
-    measured = vertical_flight(flight).mean_command(VerticalMotion(input_map(flight.input_map)))
+    measured = mean_command(flight)
     assert measured == pytest.approx((1.0 + 0.25**2) ** -0.5, rel=1e-6)
 
 

@@ -374,7 +374,7 @@ def excitation(flights: Flights, axes: tuple[Axis, ...] = ()) -> str:
 
 
 @dataclass(frozen=True)
-class Rates(DeclaredMotion):
+class Rates(DeclaredMotion[LaggedRuns]):
     """p' = G u - D p + b about each axis, behind the lag of the actuators."""
 
     axes: tuple[Axis, ...] = AXES

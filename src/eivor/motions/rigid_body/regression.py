@@ -20,7 +20,7 @@ from eivor.motions.rates.motion import AXES, PITCH, ROLL
 from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Rows, felt, into_body, rotation
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.signals.channels import family_members
-from eivor.signals.filters import Series, actuator_state, low_passed, shifted_by, time_derivative
+from eivor.signals.filters import Series, low_passed, shifted_by, time_derivative
 from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import input_map
@@ -493,11 +493,8 @@ class RotorStates:
     def _moved(
         self, lag_s: float, delay_s: float, second_stage: float, asymmetry: float
     ) -> Float[np.ndarray, "n rotors"]:
-        step_s = self.flight.signals.step_s
-        if self.flight.input.measured:
-            return shifted_by(self._logged, step_s=step_s, delay_s=delay_s)
         path = {"lag_s": lag_s, "delay_s": delay_s, "second_stage": second_stage, "asymmetry": asymmetry}
-        return actuator_state(self._logged, step_s=step_s, **path)
+        return self.flight.input.state(self._logged, self.flight.signals.step_s, **path)
 
 
 @dataclass(frozen=True)

@@ -17,16 +17,10 @@ from eivor.flights.prepared import LEVEL, RATE, CommandLimit, PreparedFlight
 from eivor.flights.quantity import Quantity, QuantityEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical import model
-from eivor.motions.vertical.model import VerticalMotion
-from eivor.motions.vertical.regression import (
-    Balance,
-    Linear,
-    VerticalFlight,
-    VerticalFlights,
-    vertical_problem,
-)
+from eivor.motions.vertical.regression import FORCE, Balance, Linear, VerticalFlights
 from eivor.motions.vertical.select import FittedCurve
 from eivor.signals.channels import CurveSide, common_side
+from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Finding
 from eivor.signals.thrust_map import InputMap, input_map
 from eivor.tools import Float
@@ -54,30 +48,30 @@ def _longest_run(flight: PreparedFlight) -> PreparedFlight:
     return replace(flight, runs=(run,)).shortened
 
 
-def _gains(
-    flight: VerticalFlight, motion: VerticalMotion, prepared: PreparedFlight, limits: Sequence[CommandLimit]
-) -> Float[np.ndarray, "blocks k"]:
+def _gains(flight: PreparedFlight, limits: Sequence[CommandLimit]) -> Float[np.ndarray, "blocks k"]:
     """By how much each limit makes the squared innovations of the force balance smaller than none does.
 
-    In variances, block by block of a part of the flight. The innovations are those of one autoregression.
+    In variances, block by block of a flight of one run. The innovations are those of one autoregression.
     """
-    flight, (run,) = replace(flight, signals=prepared.signals), prepared.runs
-    step_s = flight.signals.step_s
-    tilt, block = flight.signals.channel("cos_tilt"), max(round(BLOCK_S / step_s), 1)
-    response = flight.velocity_derivative if flight.acceleration is None else flight.acceleration
+    (run,), step_s, signals = flight.runs, flight.signals.step_s, flight.signals
+    velocity, tilt, chosen = (*map(signals.channel, ("velocity_z", "cos_tilt")), input_map(flight.input_map))
+    response, block = (
+        signals.channels.get(FORCE, np.gradient(velocity, step_s)),
+        max(round(BLOCK_S / step_s), 1),
+    )
     delays = [np.maximum(np.arange(tilt.size) - round(delay_s / step_s), 0) for delay_s in DELAYS_S]
 
     def rows(commands: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "c rows"]:
         """Acceleration; then velocity, thrust behind lags and delays, and its powers for other maps."""
-        states = [flight.state_of(commands, lag_s=lag_s, delay_s=0.0) for lag_s in LAGS_S]
-        thrusts = [motion.input_map(state).mean(axis=1) * tilt for state in states]
+        states = [actuator_state(commands, step_s=step_s, lag_s=lag_s, delay_s=0.0) for lag_s in LAGS_S]
+        thrusts = [chosen(state).mean(axis=1) * tilt for state in states]
         middle = thrusts[len(LAGS_S) // 2]
         thrusts += [thrusts[j][earlier] for earlier in delays for j in DELAYED]
         away = middle / (middle[run].mean() or 1.0) - 1.0
-        results = np.stack((response, flight.velocity, *thrusts, away**2, away**3))[:, run]
+        results = np.stack((response, velocity, *thrusts, away**2, away**3))[:, run]
         return results - results.mean(axis=1, keepdims=True)
 
-    logged = rows(flight.signals.family(flight.input))
+    logged = rows(signals.family(flight.input.name))
     whitening = _whitening(_residual(logged), max(int(MEMORY_S / step_s), 1))
     length = 1 << (logged.shape[1] + whitening.size).bit_length()
     transfer = np.fft.rfft(whitening, length)
@@ -88,7 +82,7 @@ def _gains(
         return np.asarray((_residual(white)[:usual].reshape(-1, block) ** 2).sum(axis=1))
 
     unlimited = squares(logged)
-    gains = [unlimited - squares(rows(commands)) for commands in np.moveaxis(prepared.acting(limits), 2, 0)]
+    gains = [unlimited - squares(rows(commands)) for commands in np.moveaxis(flight.acting(limits), 2, 0)]
     return np.stack(gains, axis=1) / (unlimited.mean() / block)
 
 
@@ -110,16 +104,14 @@ def command_limit(problem: VerticalFlights) -> CommandLimit | None:
 
     Noise that feedback passes on to quick commands shows a rate: references alone move them too slowly.
     """
-    flights = [flight.prepared for flight in problem.flights if not flight.measured]
-    prepared = [_longest_run(flight) for flight in flights if flight is not None and flight.issued]
-    if len(prepared) < len(problem.flights):
+    if any(flight.input.measured or not flight.issued for flight in problem.flights):
         return None
-    pairs = list(zip(problem.flights, prepared, strict=True))
+    flights = list(map(_longest_run, problem.flights))
 
     def gains_of(limits: list[CommandLimit]) -> Float[np.ndarray, "blocks k"]:
-        return np.concatenate([_gains(flight, problem.motion, of, limits) for flight, of in pairs])
+        return np.concatenate([_gains(flight, limits) for flight in flights])
 
-    rates, levels = _rates(prepared), _levels(prepared)
+    rates, levels = _rates(flights), _levels(flights)
     if not (rates or levels):
         return None
     gains = gains_of([*rates, *levels])
@@ -171,17 +163,13 @@ def _levels(flights: Sequence[PreparedFlight]) -> list[CommandLimit]:
 
 def within_limit(problem: VerticalFlights) -> VerticalFlights:
     """The problem with commands as they act, where these have a limit."""
-    if problem.unlimited or any(flight.command_limit for flight in problem.flights):
+    if problem.unlimited or problem.command_limit:
         return problem
     limit = command_limit(problem)
     if limit is None:
         return problem.with_nuisances(problem.nuisances, unlimited=True)
-    flights = tuple(
-        replace(flight, signals=flight.prepared.within(limit).signals, command_limit=limit)
-        for flight in problem.flights
-        if flight.prepared is not None
-    )
-    return vertical_problem(flights, problem.motion, problem.rule, problem.nuisances, problem.terms)
+    made = problem.of(tuple(flight.within(limit) for flight in problem.flights))
+    return replace(made, command_limit=limit)
 
 
 # -- Thrust curve --
@@ -198,15 +186,14 @@ Estimated = Callable[[VerticalFlights], Estimate]
 
 def with_map(problem: VerticalFlights, chosen: InputMap) -> VerticalFlights:
     """Return the same flights with another input map."""
-    motion = replace(problem.motion, input_map=chosen)
-    return vertical_problem(problem.flights, motion, problem.rule, problem.nuisances, problem.terms)
+    return problem.of(tuple(replace(flight, input_map=chosen.name) for flight in problem.flights))
 
 
 def refined_curve(
     problem: VerticalFlights, estimated: Estimated, bias_std: float
 ) -> tuple[VerticalFlights, Estimate]:
     """Find the map, and estimate with it."""
-    family = model.family_of(problem.motion.input_map, fitted=False)
+    family = model.family_of(problem.input_map, fitted=False)
     value, chosen, estimate = _by_intercept(problem, estimated, family)
     if math.isnan(value):
         return problem, estimate
@@ -239,7 +226,7 @@ def _at_nuisances(
     for _ in range(ROUNDS):
         before = value
         of = Balance(chosen, best)
-        hover, exponent = chosen.motion.input_map.inverse(of.hover[0]), of.exponents[1]
+        hover, exponent = chosen.input_map.inverse(of.hover[0]), of.exponents[1]
         if not (math.isfinite(exponent) and hover > 0.0):
             return math.nan
         value = family.possible(model.share_of(exponent, hover) if family.of_share else exponent)

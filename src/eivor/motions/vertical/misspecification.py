@@ -20,7 +20,7 @@ from eivor.models.regression import Parameter
 from eivor.models.separable import GivenBins
 from eivor.models.spectral import SpectralRegression
 from eivor.motions.vertical import regression
-from eivor.motions.vertical.regression import SUPPLY, VerticalFlights, channel_on_grid, explained, voltage
+from eivor.motions.vertical.regression import MAPPED, RADII, SUPPLY, VOLTAGE_SHARE, VerticalFlights, explained
 from eivor.motions.vertical.select import rotated, vertical_row
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import GRAVITY, Channel, Finding
@@ -44,13 +44,13 @@ LARGEST_DRIFT, UNKNOWN_DRIFT = 1e-3, 5e-4
 LEAST_HEIGHT = 0.05
 
 #: What a term needs, and its column. Here the lift is the mapped input of that mean, and heights are in m.
-_TERMS: dict[str, tuple[str, Callable[[regression.Ingredients], regression.TermColumn]]] = {
-    regression.DRAG: ("velocity", regression.QUADRATIC_DRAG.column),
-    regression.GROUND: ("radii", lambda of: np.maximum(of["radii"], LEAST_HEIGHT) ** -2.0),
-    CURVATURE: ("mean", lambda of: of["mean"] * (of["lift"] / of["mean"] - 1.0) ** 2),
-    SUPPLY: ("voltage", regression.VOLTAGE_TERM.column),
+_TERMS: dict[str, tuple[str, Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, " n"]]]] = {
+    regression.DRAG: ("velocity_z", regression.QUADRATIC_DRAG.expression.evaluate),
+    regression.GROUND: (RADII, lambda of: np.maximum(of[RADII], LEAST_HEIGHT) ** -2.0),
+    CURVATURE: ("mean", lambda of: of["mean"] * (of[MAPPED] / of["mean"] - 1.0) ** 2),
+    SUPPLY: (VOLTAGE_SHARE, lambda of: of[MAPPED] * of[VOLTAGE_SHARE]),
     # K_u U(t - r t) is K_u (U - r t U') nearly
-    CLOCK_DRIFT: ("time", lambda of: -of["time"] * np.gradient(of["lift"], of["time"])),
+    CLOCK_DRIFT: ("time", lambda of: -of["time"] * np.gradient(of[MAPPED], of["time"])),
 }
 
 
@@ -84,29 +84,33 @@ def _term_bins(
 ) -> dict[str, list[Complex[np.ndarray, "bins 1"]]]:
     """Column of each term that all flights know, and its instrument, in the rows in frequency."""
     columns, measured = problem.columns, []
-    timed = any(voltage(flight) is None for flight in flights)  # one coefficient has one meaning
-    for item, cut, flight in zip(columns, problem.flights, flights, strict=True):
+    timed = any(regression.voltage(flight) is None for flight in flights)  # one coefficient has one meaning
+    for item, flight in zip(columns, flights, strict=True):
         mapped, height = item.moving(estimate.nuisances)[:, 0], regression.height_over_ground(flight)[0]
-        volts, mean = _share_of_time(flight) if timed else voltage(flight), float(mapped[flight.used].mean())
+        volts, mean = (
+            _share_of_time(flight) if timed else regression.voltage(flight),
+            float(mapped[flight.used].mean()),
+        )
         away = volts if timed or volts is None else volts / float(volts[flight.used].mean()) - 1.0
         time = flight.grid.time_s - float(np.mean(flight.span_s))
-        known = {"velocity": cut.velocity, "lift": mapped, "radii": height, "voltage": away, "time": time}
+        known = {"velocity_z": -item.fixed[:, 0], MAPPED: mapped, RADII: height}
+        known |= {VOLTAGE_SHARE: away, "time": time}
         known["mean"] = np.full(1, mean) if mean else None
         measured.append({name: values for name, values in known.items() if values is not None})
     pairs = zip(measured, columns, strict=True)
-    explained = [regression.explained_ingredients(of, item.instruments, item.runs) for of, item in pairs]
+    by_references = [of | regression.explained_channels(of, item) for of, item in pairs]
     added = {SUPPLY if term is regression.VOLTAGE_TERM else term.parameter.name for term in problem.terms}
     return {
-        name: [problem.spectra([column(of)[:, None] for of in each]) for each in (measured, explained)]
+        name: [problem.spectra([column(of)[:, None] for of in each]) for each in (measured, by_references)]
         for name, (needed, column) in _TERMS.items()
         if name not in added and all(needed in of for of in measured)
     }
 
 
-def _share_of_time(flight: PreparedFlight) -> regression.TermColumn:
+def _share_of_time(flight: PreparedFlight) -> Float[np.ndarray, " n"]:
     """Time from half before to half after the middle of what is used."""
     used, time = np.flatnonzero(flight.used), flight.grid.time_s
-    share: regression.TermColumn = (time - time[used[0]]) / (time[used[-1]] - time[used[0]]) - 0.5
+    share: Float[np.ndarray, " n"] = (time - time[used[0]]) / (time[used[-1]] - time[used[0]]) - 0.5
     return share
 
 
@@ -230,10 +234,10 @@ def coherent_friction(velocity: Spectrum, frequency_hz: float, used_s: float) ->
 def velocity_spectrum(problem: VerticalFlights) -> Spectrum:
     """Power of what the instruments explain of the velocity."""
     frequencies, powers, count = [], [], 0
-    for item, flight in zip(problem.columns, problem.flights, strict=True):
+    for item in problem.columns:
         if not item.instruments.shape[1]:
             return NO_SPECTRUM
-        velocity = explained(item.instruments, item.runs, flight.velocity[:, None])[:, 0]
+        velocity = explained(item.instruments, item.runs, -item.fixed)[:, 0]
         for run in item.runs:
             values = velocity[run] - velocity[run].mean()
             frequencies.append(np.fft.rfftfreq(values.size, item.step_s))
@@ -310,7 +314,7 @@ def omitted_terms(
     problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
 ) -> OmittedTerms:
     """Tests of the terms, and the change of the voltage where all flights have one."""
-    used = [volts[flight.used] for flight in flights if (volts := voltage(flight)) is not None]
+    used = [volts[flight.used] for flight in flights if (volts := regression.voltage(flight)) is not None]
     changes = [float(np.sqrt(12.0) * item.std() / item.mean()) for item in used]
     known = float(np.mean(changes)) if 0 < len(changes) == len(flights) else None
     reach_s = max(_clock_reach_s(*pair, estimate) for pair in zip(problem.columns, flights, strict=True))
@@ -389,7 +393,9 @@ def turned(flights: Sequence[PreparedFlight]) -> tuple[str, str]:
 
 def _opposed(flight: PreparedFlight, level: str, rate: str) -> bool:
     """Whether changes of a level over half a second go against the sums of its rate."""
-    levels, rates = (flight.signals.channels.get(key, channel_on_grid(flight, key)) for key in (level, rate))
+    levels, rates = (
+        flight.signals.channels.get(key, regression.channel_on_grid(flight, key)) for key in (level, rate)
+    )
     steps = max(round(0.5 / flight.signals.step_s), 1)
     both = flight.used[steps:] & flight.used[:-steps]
     if levels is None or rates is None or not both.any():
@@ -535,7 +541,7 @@ def _levelled(flight: PreparedFlight, tilts: Mapping[str, Difference]) -> Prepar
     """A flight with the attitude of its accelerometer, unless the mean thrust says that the latter leans."""
     channels, known = dict(flight.signals.channels), flight.recording.channels
     names = [f"specific_force_body_{axis}" for axis in "xyz"] if flight.runs else []
-    forces = [force for name in names if (force := channel_on_grid(flight, name)) is not None]
+    forces = [force for name in names if (force := regression.channel_on_grid(flight, name)) is not None]
     if not (tilts and tilts.keys() <= set(BODY_AXES) and len(forces) == 3):
         return flight
     felt = [float(force[flight.used].mean()) for force in forces]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,15 +19,23 @@ from eivor.flights.prepared import RATE, Difference, PreparedFlight, Selection, 
 from eivor.flights.quantity import NAN, PlotData, Quantity, QuantityEstimate, Trace, TrackedParameter
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail
 from eivor.inference.verdict import Status
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
-from eivor.models.separable import InstrumentRule, Prior, Values
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, measured_state
+from eivor.models.separable import InstrumentRule, NoInstruments, Prior, Values
+from eivor.motions.equation import AxisEquation, DeclaredMotion
 from eivor.motions.rigid_body.vehicle import load_vehicle
 from eivor.motions.vertical import commands, misspecification, regression, select, verdict
 from eivor.motions.vertical.figures import key_figures
-from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
-from eivor.motions.vertical.regression import Balance, VerticalFlights, WeightBalance, mean_voltage
+from eivor.motions.vertical.regression import (
+    AT_ONCE,
+    EQUATION,
+    Balance,
+    VerticalFlights,
+    WeightBalance,
+    mean_voltage,
+)
 from eivor.signals.recording import GRAVITY, Finding, Recording
+from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import Mixed, input_map
 from eivor.tools import plain
 
@@ -57,7 +66,7 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
 
 def _hover(of: Balance | WeightBalance) -> QuantityEstimate:
     """Hover input, U_h through the input map's inverse; by the weight without a gain."""
-    weight, chosen = of.weight if isinstance(of, Balance) else of, of.problem.motion.input_map
+    weight, chosen = of.weight if isinstance(of, Balance) else of, of.problem.input_map
     if isinstance(of, Balance) and not of.by_weight:
         item = lag_prior.linear_quantity(of.estimate, "", *of.hover)
         value, std_error, (low, high) = item.value, item.std_error, item.interval
@@ -77,9 +86,7 @@ def known_without_estimate(
     """Hover input of flights that gave no estimate, and its drift; nothing of a constant input."""
     if all(flight.constant_input for flight in flights):
         return {}, verdict.VerticalChecks()
-    cut, model = tuple(map(vertical_flight, flights)), VerticalMotion(input_map(flights[0].input_map))
-    # lags hardly move means
-    of = WeightBalance(regression.vertical_problem(cut, model), {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0})
+    of = WeightBalance(Vertical().problem(flights, NoInstruments()), AT_ONCE)  # lags hardly move means
     return {"hover_input": _hover(of)}, verdict.VerticalChecks(
         drift=of.drift, mean_command=_mean_command(of.problem)
     )
@@ -87,8 +94,7 @@ def known_without_estimate(
 
 def _mean_command(problem: VerticalFlights) -> float:
     """Mean command of the rotors over that of their mean thrust, in the flight furthest from 1."""
-    each = (flight.mean_command(problem.motion) for flight in problem.flights)
-    return max(each, key=lambda share: abs(share - 1.0))
+    return max(map(regression.mean_command, problem.flights), key=lambda share: abs(share - 1.0))
 
 
 #: A fall by a larger share over the time used is identified; thrust goes with its first or second power.
@@ -155,10 +161,9 @@ def tracked_gain(
 
 def excitation(flights: motion.Flights) -> str:
     """Relative standard deviation of the mapped input, and that of the vertical speed."""
-    model = VerticalMotion(input_map(flights[0].input_map))
-    cut = map(vertical_flight, flights)
-    moved = [item.cut(np.column_stack([item.mapped_input(model), item.velocity])) for item in cut]
-    mapped, speed = np.concatenate([run for runs in moved for run in runs]).T
+    moved = [(regression.mapped_input(item), item.signals.channel("velocity_z")) for item in flights]
+    pairs = zip(flights, moved, strict=True)
+    mapped, speed = np.concatenate([np.stack(each)[:, item.used] for item, each in pairs], axis=1)
     mean, varied = abs(float(mapped.mean())), float(mapped.std())
     if mean == 0.0 or not np.isfinite(varied / mean):
         return ""
@@ -178,7 +183,7 @@ def resampled(
     """Friction, gain and hover input; lag and effective lag when they were searched for."""
     names = ("viscous_friction", "input_gain", *(term.parameter.name for term in problem.terms))
     results = {name: parameters[name] for name in names}
-    results["hover_input"] = problem.motion.input_map.inverse(regression.hover_of_sums(parameters, sums))
+    results["hover_input"] = problem.input_map.inverse(regression.hover_of_sums(parameters, sums))
     lag_s, delay_s = (nuisances[name] for name in (ACTUATOR_LAG.name, DELAY.name))
     searched = {nuisance.name for nuisance in problem.nuisances if nuisance.searched}
     if ACTUATOR_LAG.name in searched:
@@ -200,8 +205,8 @@ def refined(
 
 def refined_flights(flights: motion.Flights, problem: VerticalFlights) -> motion.Flights:
     """Flights with what the problem found out."""
-    known = [replace(flight, input_map=problem.motion.input_map.name) for flight in flights]
-    limit = problem.flights[0].command_limit if problem.flights else None
+    known = [replace(flight, input_map=problem.input_map.name) for flight in flights]
+    limit = problem.command_limit
     if limit is None:
         return tuple(known)
     unit = known[0].issued[0].unit
@@ -240,7 +245,7 @@ ABILITIES = motion.Abilities(
 
 
 @dataclass(frozen=True)
-class Vertical(motion.Motion[VerticalFlights]):
+class Vertical(DeclaredMotion[VerticalFlights]):
     """z'' + g = K_u U - K z' + b, behind the lag of the actuators."""
 
     added: tuple[regression.OptionalTerm, ...] = ()
@@ -248,6 +253,7 @@ class Vertical(motion.Motion[VerticalFlights]):
     mean_voltage: float | None = None
 
     name = "vertical"
+    axes = (EQUATION,)
     words = select.TABLES.words
     quantities = select.QUANTITIES
     rules = verdict.RULES
@@ -274,15 +280,28 @@ class Vertical(motion.Motion[VerticalFlights]):
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         return select.selected(log, options)
 
+    def axes_of(self, flights: motion.Flights) -> Mapping[int, AxisEquation]:
+        return {0: regression.equation_of(flights[0], self.added)}
+
+    def signals(self, flight: PreparedFlight, _axis: AxisEquation) -> Signals:
+        return regression.signals_of(flight, bool(self.added), self.rotor_radius, self.mean_voltage)
+
     def problem(self, flights: motion.Flights, rule: InstrumentRule) -> VerticalFlights:
-        model = VerticalMotion(input_map(flights[0].input_map))
-        cut = tuple(map(vertical_flight, flights))
-        if self.added:
-            pairs = zip(cut, flights, strict=True)
-            cut = tuple(
-                regression.with_surroundings(*pair, self.rotor_radius, self.mean_voltage) for pair in pairs
-            )
-        return regression.vertical_problem(cut, model, rule, terms=self.added)
+        made = self.lagged_runs(flights, rule)
+        if self.added and made.columns[0].instruments.shape[1]:
+            pairs = zip(made.columns, flights, strict=True)
+            of = ((item, self.signals(flight, EQUATION)) for item, flight in pairs)
+            made = made.with_instruments([regression.with_instruments_of(self.added, *each) for each in of])
+        width = made.columns[0].instruments.shape[1]
+        return VerticalFlights(
+            made.columns,
+            made.parameters,
+            measured_state() if flights[0].input.measured else made.nuisances,
+            partial(regression.row_noise, flights, len(self.added), width, rule),
+            flights=flights,
+            made_of=partial(self.problem, rule=rule),
+            terms=self.added,
+        )
 
     def derive(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         of, joint = Balance(problem, estimate), lag_prior.joint_quantities(estimate)
@@ -306,7 +325,7 @@ class Vertical(motion.Motion[VerticalFlights]):
         self, problem: VerticalFlights, estimate: Estimate, flights: motion.Flights
     ) -> verdict.VerticalChecks:
         omitted, of = misspecification.omitted_terms(problem, estimate, flights), Balance(problem, estimate)
-        (value, gradient, variance), chosen = of.intercept, problem.motion.input_map
+        (value, gradient, variance), chosen = of.intercept, problem.input_map
         half = estimate.joint_covariance.half_width(gradient, SET_LEVEL, variance)
         of_map, of_thrust = of.exponents
         return verdict.VerticalChecks(
@@ -317,7 +336,7 @@ class Vertical(motion.Motion[VerticalFlights]):
             thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
             apparent_gravity=regression.apparent_gravity(problem),
             turned=misspecification.turned(flights),
-            command_limit=problem.flights[0].command_limit,
+            command_limit=problem.command_limit,
             sideways_speed=misspecification.sideways_speed(flights),
             near_ground=verdict.near_ground(
                 flights, self.rotor_radius, corrected=regression.GROUND_EFFECT in self.added
@@ -378,16 +397,3 @@ class Vertical(motion.Motion[VerticalFlights]):
             return replace(self, rotor_radius=radius, mean_voltage=volts)
         remedy = "Identify the flight again with eivor identify --json."
         raise InputError("a result with rotor_radius and mean_voltage of its terms", f"{record!r}", remedy)
-
-
-def vertical_flight(flight: PreparedFlight) -> regression.VerticalFlight:
-    """Return what the regressions of vertical motion need of a flight."""
-    return regression.VerticalFlight(
-        flight.signals,
-        flight.input.name,
-        flight.input.measured,
-        flight.runs,
-        flight.band_hz,
-        densities={name: level.density for name, level in flight.noise.items() if level.source},
-        prepared=flight,
-    )

@@ -92,7 +92,7 @@ def closed_loop_record(
     tilt = np.concatenate(
         [flight.signals.channel("cos_tilt")[run] for flight in flights for run in flight.runs]
     )
-    climbs = np.concatenate([flight.velocity[run] for flight in problem.flights for run in flight.runs])
+    climbs = np.concatenate([item.fixed[run] for item in problem.columns for run in item.runs])
     numbers = taken(problem, estimate)
     return {
         "taken": {
@@ -162,7 +162,7 @@ def controller_gains(
         errors = _tracking_errors(flight)
         if errors is None or flight.input.measured:
             return None
-        command = numbers[INPUT_GAIN.name] * cut.mapped_input(problem.motion)
+        command = numbers[INPUT_GAIN.name] * regression.mapped_input(cut)
         feed_forward = flight.signals.channels.get("reference_acceleration_z", np.zeros(command.size))
         for run in flight.runs:
             integral = np.cumsum(errors[run, 1]) * flight.signals.step_s
@@ -219,8 +219,7 @@ def predictions(problem: VerticalFlights, values: Values) -> tuple[PredictedQuan
     """Vertical acceleration one step ahead, and climb rate in open loop."""
     rows = problem.rows({nuisance.name: values[nuisance.name] for nuisance in problem.nuisances})
     ahead = rows.response, rows.regressors @ np.array([values[item.name] for item in rows.parameters])
-    velocities = [flight.cut(flight.velocity[:, None]) for flight in problem.flights]
-    measured = np.concatenate([run[:, 0] for runs in velocities for run in runs])
+    measured = np.concatenate([run for item in problem.columns for run in item.cut(-item.fixed[:, 0])])
     return (
         PredictedQuantity(Horizon.ONE_STEP, "vertical acceleration", "m/s²", *ahead),
         PredictedQuantity(Horizon.OPEN_LOOP, "climb rate", "m/s", measured, _open_loop(problem, values)),
@@ -234,12 +233,11 @@ def _open_loop(problem: VerticalFlights, values: Values) -> Float[np.ndarray, " 
     # drag acts on the climb rate that is predicted, and not on the one that was measured
     weights = np.array([0.0 if name == QUADRATIC_DRAG.parameter.name else values[name] for name in names])
     results: list[Float[np.ndarray, " _"]] = []
-    for flight in problem.flights:
-        driven = regression.MovingColumns(flight, problem.motion, problem.terms)(values) @ weights
-        step_s = flight.signals.step_s
-        for run in flight.runs:
-            counted = slice(None) if flight.signals.valid is None else flight.signals.valid[run]
-            series = driven[run], flight.velocity[run], counted, friction
+    for item in problem.columns:
+        driven, velocity, step_s = item.moving(values) @ weights, -item.fixed[:, 0], item.step_s
+        for run in item.runs:
+            inside = item.counted(run)
+            series = driven[run], velocity[run], slice(None) if inside is None else inside, friction
             results.append(dragged_run(*series, drag, step_s) if drag else _run(*series, step_s))
     return np.concatenate(results)
 

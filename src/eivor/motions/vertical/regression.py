@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial, reduce
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -13,144 +13,175 @@ from eivor.errors import InputError, MissingChannelError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import on_grid
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import CommandLimit, PreparedFlight
+from eivor.flights.prepared import CommandLimit, InputFamily, PreparedFlight
 from eivor.inference.covariance import COSINE_AVERAGES, long_run_mean_variance
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.distributions import normal_quantile, t_quantile
 from eivor.linalg.system import COPIED_ROWS, merged_roots, row_blocks
 from eivor.models import lagged_runs, separable
-from eivor.models.regression import Parameter
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns
 from eivor.models.spectral import LINE_S
-from eivor.motions.vertical.model import INPUT_GAIN, VISCOUS_FRICTION, VerticalMotion
-from eivor.motions.vertical.select import FittedCurve
-from eivor.signals.channels import family_members
-from eivor.signals.filters import actuator_state, shifted_by
-from eivor.signals.noise import WhiteNoise
+from eivor.motions.equation import AxisEquation, Term, evaluated, mean_of
+from eivor.motions.vertical.model import INPUT_GAIN, VISCOUS_FRICTION
+from eivor.motions.vertical.select import INPUTS, FittedCurve
 from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
-from eivor.signals.thrust_map import InputMap, Power
+from eivor.signals.thrust_map import InputMap, Power, input_map
 from eivor.tools import Float
 
-#: Share of the largest state over which the slope of an input map is taken.
-SLOPE_STEP = 1e-5
-#: Samples that an actuator's response is followed over: 25 of the longest lags on a grid of 5 ms.
-RESPONSE_SAMPLES = 1_500
-#: Samples before the impulse, so that a state may be early.
-BEFORE = 50
+# -- Equation --
+
+FORCE = "specific_force_z"
+#: What the gain multiplies: the cosine of tilt times the mean of the mapped states; and the change of z'.
+MAPPED, DERIVATIVE = "mapped_input", "velocity_derivative"
+#: Of optional terms: the lift over the mapped input of that mean, the height over the ground in rotor radii,
+#: and the voltage over its mean less one.
+PER_INPUT, RADII, VOLTAGE_SHARE = "lift_per_input", "radii", "voltage_share"
+#: Actuators that follow at once.
+AT_ONCE = {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
 
 
-def row_noise(
-    flights: Sequence[VerticalFlight],
-    level: InputMap,
-    terms: int,
-    instruments: int,
-    rule: separable.InstrumentRule,
-    nuisance_values: separable.Values,
-) -> lagged_runs.RowNoise:
-    """Variances of the errors in z', U, so many terms and z'', and what past inputs share with U."""
-    selected, shared = [], []
-    for flight in flights:
-        noise = {name: item.std**2 for name, item in flight.signals.noise.items()}
-        if "velocity_z" in noise and flight.acceleration is None:
-            noise["specific_force_z"] = noise["velocity_z"] / (2.0 * flight.signals.step_s**2)
-        variance = input_variance(flight, level)
-        response = _response(flight, nuisance_values) if variance else np.zeros(1)
-        velocity, force = (noise.get(name, np.nan) for name in ("velocity_z", "specific_force_z"))
-        selected.append([velocity, variance * float(response @ response), *[0.0] * terms, force])
-        # covariance of the instruments' noises with those of [Phi y]
-        covariance = np.zeros((instruments, terms + 3))
-        if isinstance(rule, separable.LaggedInputs) and variance and response.any():
-            covariance[: rule.last - rule.first + 1, 1] = variance * response[rule.first : rule.last + 1]
-        shared.append(covariance)
-    weights = [float(flight.sample_count) for flight in flights]
-    mean = np.average(selected, axis=0, weights=weights)
-    regressors = None if np.isnan(mean).any() else np.diag(mean)
-    return regressors, np.average(shared, axis=0, weights=weights)
+@dataclass(frozen=True)
+class VerticalEquation(AxisEquation):
+    """Equation of the vertical motion, with the mapped input in place of the logged one."""
+
+    driving: InputFamily = INPUTS[0]
+    input_map: InputMap = field(default_factory=Power)
+
+    def family(self, signals: Signals, _name: str) -> Float[np.ndarray, "n m"]:
+        return signals.family(self.driving.name)
+
+    def acting(
+        self, logged: Float[np.ndarray, "n m"], signals: Signals, path: Mapping[str, float]
+    ) -> Float[np.ndarray, " n"]:
+        states = self.driving.state(logged, signals.step_s, **path)
+        return mean_of(self.input_map(states)) * signals.channel("cos_tilt")
 
 
-def input_variance(flight: VerticalFlight, level: InputMap) -> float:
-    """Variance of the mapped input's error, the actuators' response left aside."""
-    names, noise = family_members(flight.input, flight.signals.channels), flight.signals.noise
-    variances = np.array([noise[name].std ** 2 if name in noise else 0.0 for name in names])
-    if not variances.any():
-        return 0.0
-    state = flight.signals.family(flight.input)
-    step = SLOPE_STEP * max(float(np.abs(state).max()), SLOPE_STEP)
-    slopes = (level(state + step) - level(state - step)) / (2.0 * step)
-    tilt = flight.signals.channel("cos_tilt")[:, None]
-    return float(np.concatenate(flight.cut((tilt * slopes / len(names)) ** 2)).mean(axis=0) @ variances)
+EQUATION = VerticalEquation(
+    "vertical",
+    (MAPPED,),
+    (f"{FORCE} - {GRAVITY}", DERIVATIVE),
+    (
+        Term(VISCOUS_FRICTION.name, "-velocity_z", "K", VISCOUS_FRICTION.unit),
+        Term(INPUT_GAIN.name, MAPPED, "K_u", INPUT_GAIN.unit, behind=True),
+    ),
+    ("vertical acceleration", "m/s²", "K_u U − K z'", "K_u U"),
+)
 
 
-def _response(flight: VerticalFlight, nuisance_values: separable.Values) -> Float[np.ndarray, " lags"]:
-    """Samples after an impulse of the input, of the state that enters the equation."""
-    impulse = np.zeros((BEFORE + RESPONSE_SAMPLES, 1))
-    impulse[BEFORE] = 1.0
-    return np.asarray(flight.state_of(impulse, **lagged_runs.actuators(nuisance_values))[BEFORE:, 0])
+def equation_of(flight: PreparedFlight, added: tuple[OptionalTerm, ...] = ()) -> VerticalEquation:
+    """The equation with optional terms, and the input and the map of a flight."""
+    terms, chosen = (*EQUATION.terms, *added), input_map(flight.input_map)
+    linear = chosen == Power() and not flight.input.measured
+    return replace(EQUATION, terms=terms, driving=flight.input, input_map=chosen, linear=linear)
+
+
+def mapped_input(flight: PreparedFlight, **path: float) -> Float[np.ndarray, " n"]:
+    """Mapped input over the whole grid, at a lag, a delay and a second stage; by default at once."""
+    signals, path = flight.signals, {"lag_s": 0.0, "delay_s": 0.0, **path}
+    return equation_of(flight).acting(signals.family(flight.input.name), signals, path)
+
+
+def mean_command(flight: PreparedFlight) -> float:
+    """Mean of the rotors' commands over the command of their mean thrust, each a mean over time."""
+    each, chosen = flight.used_input.mean(axis=0), input_map(flight.input_map)
+    collective = chosen.inverse(float(chosen(each[None]).mean()))
+    return float(each.mean() / collective) if collective > 0.0 else 1.0
+
+
+def signals_of(
+    flight: PreparedFlight, of_terms: bool, radius: float | None, reference_voltage: float | None
+) -> Signals:
+    """What the equation is evaluated over: channels, and what is made of them."""
+    signals, mapped = flight.signals, mapped_input(flight)
+    made = {DERIVATIVE: np.gradient(signals.channel("velocity_z"), signals.step_s), MAPPED: mapped}
+    if of_terms:
+        # of either sign; one where it is zero
+        made[PER_INPUT] = np.full(mapped.size, GRAVITY / (float(mapped[flight.used].mean()) or 1.0))
+        (height, _), volts = height_over_ground(flight), voltage(flight)
+        if height is not None and radius is not None:
+            made[RADII] = height / radius
+        if volts is not None and reference_voltage is not None:
+            made[VOLTAGE_SHARE] = volts / reference_voltage - 1.0
+    return replace(signals, channels={**signals.channels, **made})
 
 
 # -- Terms --
 
 #: Names of what the model leaves out, in tests that it is missed.
 DRAG, GROUND, SUPPLY = "quadratic_drag", "ground_effect", "supply"
-#: Heights below this count as this, in rotor radii.
-LEAST_RADII = 0.5
 #: Power of the polynomial of time that is an instrument for the voltage.
 TREND = 3
 
-TermColumn = Float[np.ndarray, " n"]
-#: What optional terms of a flight are made of, as far as it is known: "velocity" z' [m/s], "lift" [m/s^2],
-#: "radii", the height over the ground in those of a rotor, "voltage", "time" from the flight's middle [s].
-Ingredients = Mapping[str, TermColumn]
 
-
-@dataclass(frozen=True, slots=True)
-class OptionalTerm:
+@dataclass(frozen=True, kw_only=True)
+class OptionalTerm(Term):
     """A term that a user may add to the equation."""
 
+    behind: bool = True  # So that it comes after the gain
     word: str  # As it is requested
     meaning: str
-    parameter: Parameter  # Its coefficient
     written: str  # As it stands in the equation, with its sign
-    symbols: str  # What its symbols are; empty where the equation has none
-    column: Callable[[Ingredients], TermColumn]  # Of the parameter
+    symbols: str = ""  # What its symbols are; empty where the equation has none
 
 
 QUADRATIC_DRAG = OptionalTerm(
-    "quadratic-drag",
-    "drag that grows with the square of the speed",
-    Parameter("quadratic_drag", "1/m"),
-    "- K_2 z'|z'|",
-    "",
-    lambda of: -of["velocity"] * np.abs(of["velocity"]),
+    "quadratic_drag",
+    "-velocity_z * abs(velocity_z)",
+    "K_2",
+    "1/m",
+    word="quadratic-drag",
+    meaning="drag that grows with the square of the speed",
+    written="- K_2 z'|z'|",
 )
 GROUND_EFFECT = OptionalTerm(
-    "ground-effect",
-    "thrust that grows as one over the squared height over the ground",
-    Parameter("ground_effect", ""),
-    "+ k g (U/mean U) (R/h)²",
-    "h the height over the ground, R a rotor's radius",
-    # lift over the squared height in radii
-    lambda of: of["lift"] * np.maximum(of["radii"], LEAST_RADII) ** -2.0,
+    "ground_effect",
+    # lift over the squared height in radii, of half a radius at least
+    f"{PER_INPUT} * {MAPPED} * greatest({RADII}, 0.5) ** -2",
+    "k",
+    "",
+    word="ground-effect",
+    meaning="thrust that grows as one over the squared height over the ground",
+    written="+ k g (U/mean U) (R/h)²",
+    symbols="h the height over the ground, R a rotor's radius",
 )
 VOLTAGE_TERM = OptionalTerm(
-    "voltage",
-    "thrust that follows the battery's voltage",
-    Parameter("voltage_exponent", ""),
-    "+ n g (U/mean U) (V/V_0 - 1)",
-    "V the battery's voltage, V_0 its mean",
-    lambda of: of["lift"] * of["voltage"],
+    "voltage_exponent",
+    f"{PER_INPUT} * {MAPPED} * {VOLTAGE_SHARE}",
+    "n",
+    "",
+    word="voltage",
+    meaning="thrust that follows the battery's voltage",
+    written="+ n g (U/mean U) (V/V_0 - 1)",
+    symbols="V the battery's voltage, V_0 its mean",
 )
 #: By the words of the command line.
 TERMS = {term.word: term for term in (QUADRATIC_DRAG, GROUND_EFFECT, VOLTAGE_TERM)}
 
 
-def explained_ingredients(
-    of: Ingredients, references: Float[np.ndarray, "n p"], runs: Sequence[slice]
-) -> Ingredients:
-    """The same as far as references explain them; voltage and time as they are."""
-    names = [name for name in ("velocity", "lift", "radii") if name in of]
-    made = explained(references, runs, np.column_stack([of[name] for name in names])).T
-    return {**of, **dict(zip(names, made, strict=True))}
+def explained_channels(
+    channels: Mapping[str, np.ndarray], item: AxisColumns
+) -> dict[str, Float[np.ndarray, " n"]]:
+    """Velocity, mapped input and height as far as references explain them."""
+    names = [name for name in ("velocity_z", MAPPED, RADII) if name in channels]
+    made = explained(item.instruments, item.runs, np.column_stack([channels[name] for name in names])).T
+    return dict(zip(names, made, strict=True))
+
+
+def with_instruments_of(
+    terms: Sequence[OptionalTerm], item: AxisColumns, signals: Signals
+) -> Float[np.ndarray, "n q"]:
+    """References of a flight, and an instrument for each term."""
+    given = explained_channels(signals.channels, item)
+    if VOLTAGE_SHARE in signals.channels:
+        time = np.linspace(-1.0, 1.0, signals.sample_count)
+        trend = np.column_stack([time**power for power in range(1, TREND + 1)])
+        # the charge alone: loads, which references explain, pull the voltage down within a second
+        given[VOLTAGE_SHARE] = explained(trend, item.runs, signals.channel(VOLTAGE_SHARE)[:, None])[:, 0]
+    return np.column_stack(
+        [item.instruments, *(evaluated(term.expression, signals, given) for term in terms)]
+    )
 
 
 def explained(
@@ -167,199 +198,113 @@ def explained(
 # -- Flights --
 
 
-@dataclass(frozen=True)
-class VerticalFlight:
-    """One flight on its grid, and the runs of it that count."""
+@dataclass(frozen=True, kw_only=True)
+class VerticalFlights(lagged_runs.LaggedRuns):
+    """Regressions of vertical motion for each actuator lag and delay."""
 
-    signals: Signals
-    input: str  # Family of channels that drive the vehicle ("rotor_command")
-    measured: bool
-    runs: tuple[slice, ...]  # Stretches to use
-    band_hz: tuple[float, float] = lagged_runs.BAND_HZ  # Band of spectral rows [Hz]
-    surroundings: Ingredients = field(default_factory=dict)  # Radii and voltage
-    densities: Mapping[str, float] = field(default_factory=dict)
-    prepared: PreparedFlight | None = None  # What it was made of
-    command_limit: CommandLimit | None = None  # What its commands were limited to
+    flights: tuple[PreparedFlight, ...]
+    made_of: Callable[[tuple[PreparedFlight, ...]], VerticalFlights]  # The same of other flights
+    terms: tuple[OptionalTerm, ...] = ()
+    command_limit: CommandLimit | None = None  # What commands were limited to
+    unlimited: bool = False  # Whether no limit of commands was found with this map
+    curve: FittedCurve | None = None
 
     @cached_property
-    def velocity(self) -> Float[np.ndarray, " n"]:
-        """Z' [m/s]."""
-        return self.signals.channel("velocity_z")
-
-    @cached_property
-    def velocity_derivative(self) -> Float[np.ndarray, " n"]:
-        """Central difference of z' [m/s^2]."""
-        return np.asarray(np.gradient(self.velocity, self.signals.step_s))
-
-    @cached_property
-    def acceleration(self) -> Float[np.ndarray, " n"] | None:
-        """Z'' from the accelerometer [m/s^2]; None when it was not logged."""
-        if "specific_force_z" not in self.signals.channels:
-            return None
-        return self.signals.channel("specific_force_z") - GRAVITY
-
-    def state_of(self, logged: Float[np.ndarray, "n m"], **path: float) -> np.ndarray:
-        """State of actuators by what is logged of them, at a lag, a delay and a second stage."""
-        if self.measured:
-            return shifted_by(logged, step_s=self.signals.step_s, delay_s=path["delay_s"])
-        return actuator_state(logged, step_s=self.signals.step_s, **path)
-
-    def mapped_input(
-        self, motion: VerticalMotion, lag_s: float = 0.0, delay_s: float = 0.0, second_stage: float = 0.0
-    ) -> Float[np.ndarray, " n"]:
-        """Cosine of tilt times the mean of the mapped actuator states, over the whole grid."""
-        path = {"lag_s": lag_s, "delay_s": delay_s, "second_stage": second_stage}
-        states = motion.input_map(self.state_of(self._logged, **path))
-        mapped: Float[np.ndarray, " n"] = states[:, 0] if states.shape[1] == 1 else states.mean(axis=1)
-        return mapped * self.signals.channel("cos_tilt")
-
-    def mean_command(self, motion: VerticalMotion) -> float:
-        """Mean of the rotors' commands over the command of their mean thrust, each a mean over time."""
-        each = np.concatenate(self.cut(self._logged)).mean(axis=0)
-        collective = motion.input_map.inverse(float(motion.input_map(each[None]).mean()))
-        return float(each.mean() / collective) if collective > 0.0 else 1.0
-
-    @cached_property
-    def _logged(self) -> Float[np.ndarray, "n m"]:
-        return self.signals.family(self.input)
-
-    @property
-    def sample_count(self) -> int:
-        return sum(item.shape[0] for item in self.cut(self.velocity[:, None]))
-
-    def cut(self, columns: Float[np.ndarray, "n columns"]) -> list[Float[np.ndarray, "_ columns"]]:
-        """Rows of each run that count."""
-        valid = self.signals.valid
-        return [columns[run] if valid is None else columns[run][valid[run]] for run in self.runs]
+    def input_map(self) -> InputMap:
+        return input_map(self.flights[0].input_map)
 
     @cached_property
     def lines(self) -> list[Float[np.ndarray, " _"]]:
-        """Seconds from the middle of each run whose rows lose a line in time; zeros in shorter runs."""
-        time = np.arange(self.velocity.size) * self.signals.step_s
-        centred = [item[:, 0] - item[:, 0].mean() for item in self.cut(time[:, None])]
-        lengths = [(run.stop - run.start) * self.signals.step_s for run in self.runs]
-        return [item * (length >= LINE_S) for item, length in zip(centred, lengths, strict=True)]
-
-
-@dataclass(frozen=True)
-class MovingColumns:
-    """The mapped input, which moves with lag and delay, and the optional terms."""
-
-    flight: VerticalFlight
-    motion: VerticalMotion  # With the input map
-    terms: tuple[OptionalTerm, ...] = ()
-
-    def __call__(self, nuisance_values: separable.Values) -> Float[np.ndarray, "n m"]:
-        mapped = self.flight.mapped_input(self.motion, **lagged_runs.actuators(nuisance_values))
-        if not self.terms:
-            return mapped[:, None]
-        of = self._ingredients(mapped)
-        return np.column_stack([mapped, *(term.column(of) for term in self.terms)])
-
-    def instruments(self, references: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n q"]:
-        """References, and where there are any an instrument for each term."""
-        if not (self.terms and references.shape[1]):
-            return references
-        # an instrument for each term; performs no checks
-        of = self._ingredients(self._unlagged)
-        made = explained_ingredients(of, references, self.flight.runs)
-        if "voltage" in of:
-            time = np.linspace(-1.0, 1.0, of["voltage"].size)
-            trend = np.column_stack([time**power for power in range(1, TREND + 1)])
-            # the charge alone: loads, which references explain, pull the voltage down within a second
-            charge = explained(trend, self.flight.runs, of["voltage"][:, None])[:, 0]
-            made = {**made, "voltage": charge}
-        return np.column_stack([references, np.column_stack([term.column(made) for term in self.terms])])
-
-    def _ingredients(self, mapped: Float[np.ndarray, " n"]) -> Ingredients:
-        lift = GRAVITY / self._mean * mapped
-        return {"velocity": self.flight.velocity, "lift": lift, **self.flight.surroundings}
-
-    @cached_property
-    def _unlagged(self) -> Float[np.ndarray, " n"]:
-        return self.flight.mapped_input(self.motion)
-
-    @cached_property
-    def _mean(self) -> float:
-        """Mean of the mapped input over the runs, of either sign; one where it is zero."""
-        return float(np.concatenate(self.flight.cut(self._unlagged[:, None])).mean()) or 1.0
-
-
-@dataclass(frozen=True)
-class VerticalFlights(lagged_runs.LaggedRuns):
-    """Regressions of vertical motion for each actuator lag and delay, made by `vertical_problem`."""
-
-    flights: tuple[VerticalFlight, ...] = ()
-    motion: VerticalMotion = field(default_factory=VerticalMotion)
-    rule: separable.InstrumentRule = field(default_factory=separable.NoInstruments)
-    terms: tuple[OptionalTerm, ...] = ()
-    curve: FittedCurve | None = None
-    unlimited: bool = False  # Whether no limit of commands was found with this map
+        """Seconds from the middle of each run whose rows lose a line in time; zeros in shorter ones."""
+        results = []
+        for item in self.columns:
+            times = item.cut(np.arange(len(item.fixed)) * item.step_s)
+            lengths = [(run.stop - run.start) * item.step_s for run in item.runs]
+            pairs = zip(times, lengths, strict=True)
+            results += [(time - time.mean()) * (length >= LINE_S) for time, length in pairs]
+        return results
 
     @property
     def few_rows(self) -> bool:
         """Whether there are terms: voltage and height change slowly."""
         return bool(self.terms)
 
+    def of(self, flights: tuple[PreparedFlight, ...]) -> VerticalFlights:
+        """The same of other flights, or of these with other commands or another map."""
+        made = self.made_of(flights)
+        return replace(made, nuisances=self.nuisances, command_limit=self.command_limit)
+
     def sampled_state(self, _at: separable.Values) -> separable.SampledState | None:
         """The vertical velocity, where every flight has an accelerometer."""
-        if any(flight.acceleration is None for flight in self.flights):
+        if any(FORCE not in flight.signals.channels for flight in self.flights):
             return None
-        lengths = [flight.sample_count for flight in self.flights]
         powers = []  # per Hz, of the errors in z', U and z'' at low frequencies
         for flight in self.flights:
-            noise = {name: WhiteNoise(density) for name, density in flight.densities.items()}
-            noisy = replace(flight, signals=replace(flight.signals, noise=noise))
-            of = [flight.densities.get(name, np.nan) ** 2 for name in ("velocity_z", "specific_force_z")]
-            powers.append([of[0], input_variance(noisy, self.motion.input_map), of[1]])
+            noise = {name: level.density**2 for name, level in flight.noise.items() if level.source}
+            of = [noise.get(name, np.nan) for name in ("velocity_z", FORCE)]
+            powers.append([of[0], input_variance(flight, noise), of[1]])
+        lengths = [flight.used.sum() for flight in self.flights]
         velocity, driving, response = np.sqrt(np.average(powers, axis=0, weights=lengths)).tolist()
         driven = np.zeros(len(self.parameters))
         driven[1] = driving
         return separable.SampledState(0, velocity, response, driven)
 
 
-def vertical_problem(
-    flights: tuple[VerticalFlight, ...],
-    motion: VerticalMotion,
-    rule: separable.InstrumentRule | None = None,
-    nuisances: tuple[separable.Nuisance, ...] = (),
-    terms: tuple[OptionalTerm, ...] = (),
-) -> VerticalFlights:
-    """Regressions of z'' = -K z' + K_u U + terms, for the usual lags and delays where none are given."""
-    rule = separable.NoInstruments() if rule is None else rule
-    if not nuisances:
-        step_s = max((flight.signals.step_s for flight in flights), default=0.0)
-        measured = all(flight.measured for flight in flights)
-        nuisances = lagged_runs.measured_state() if measured else lagged_runs.lag_and_delay(step_s=step_s)
-    columns = []
-    for number, flight in enumerate(flights):
-        moving = MovingColumns(flight, motion, terms)
-        accelerations = (flight.acceleration, flight.velocity_derivative)
-        columns.append(
-            lagged_runs.AxisColumns(
-                flight.signals.step_s,
-                flight.runs,
-                np.column_stack([item for item in accelerations if item is not None]),
-                -flight.velocity[:, None],
-                moving,
-                moving.instruments(rule.columns(flight.signals, flight.mapped_input(motion))),
-                number,
-                band_hz=flight.band_hz,
-                valid=flight.signals.valid,
-                linear=motion.input_map == Power() and not (terms or flight.measured),
-            )
-        )
-    width = columns[0].instruments.shape[1] if columns else 0
-    return VerticalFlights(
-        tuple(columns),
-        (*motion.parameters, *(term.parameter for term in terms)),
-        nuisances,
-        partial(row_noise, flights, motion.input_map, len(terms), width, rule),
-        flights=flights,
-        motion=motion,
-        rule=rule,
-        terms=terms,
-    )
+#: Share of the largest state over which the slope of an input map is taken.
+SLOPE_STEP = 1e-5
+#: Samples that an actuator's response is followed over: 25 of the longest lags on a grid of 5 ms.
+RESPONSE_SAMPLES = 1_500
+#: Samples before the impulse, so that a state may be early.
+BEFORE = 50
+
+
+def row_noise(
+    flights: Sequence[PreparedFlight],
+    terms: int,
+    instruments: int,
+    rule: separable.InstrumentRule,
+    nuisance_values: separable.Values,
+) -> lagged_runs.RowNoise:
+    """Variances of the errors in z', U, so many terms and z'', and what past inputs share with U."""
+    selected, shared = [], []
+    for flight in flights:
+        noise = {name: item.std**2 for name, item in flight.signals.noise.items()}
+        if "velocity_z" in noise and FORCE not in flight.signals.channels:
+            noise[FORCE] = noise["velocity_z"] / (2.0 * flight.signals.step_s**2)
+        variance = input_variance(flight, noise)
+        response = _response(flight, nuisance_values) if variance else np.zeros(1)
+        velocity, force = (noise.get(name, np.nan) for name in ("velocity_z", FORCE))
+        selected.append([velocity, variance * float(response @ response), *[0.0] * terms, force])
+        # covariance of the instruments' noises with those of [Phi y]
+        covariance = np.zeros((instruments, terms + 3))
+        if isinstance(rule, separable.LaggedInputs) and variance and response.any():
+            covariance[: rule.last - rule.first + 1, 1] = variance * response[rule.first : rule.last + 1]
+        shared.append(covariance)
+    weights = [float(flight.used.sum()) for flight in flights]
+    mean = np.average(selected, axis=0, weights=weights)
+    regressors = None if np.isnan(mean).any() else np.diag(mean)
+    return regressors, np.average(shared, axis=0, weights=weights)
+
+
+def input_variance(flight: PreparedFlight, noise: Mapping[str, float]) -> float:
+    """Variance of the mapped input's error, by that of channels, the actuators' response left aside."""
+    variances = np.array([noise.get(name, 0.0) for name in flight.driving])
+    if not variances.any():
+        return 0.0
+    state, chosen = flight.signals.family(flight.input.name), input_map(flight.input_map)
+    step = SLOPE_STEP * max(float(np.abs(state).max()), SLOPE_STEP)
+    slopes = (chosen(state + step) - chosen(state - step)) / (2.0 * step)
+    tilt = flight.signals.channel("cos_tilt")[:, None]
+    each = (tilt * slopes / variances.size)[flight.used] ** 2
+    return float(each.mean(axis=0) @ variances)
+
+
+def _response(flight: PreparedFlight, nuisance_values: separable.Values) -> Float[np.ndarray, " lags"]:
+    """Samples after an impulse of the input, of the state that enters the equation."""
+    impulse = np.zeros((BEFORE + RESPONSE_SAMPLES, 1))
+    impulse[BEFORE] = 1.0
+    path = lagged_runs.actuators(nuisance_values)
+    return np.asarray(flight.input.state(impulse, flight.signals.step_s, **path)[BEFORE:, 0])
 
 
 # -- Balance --
@@ -402,7 +347,7 @@ class WeightBalance:
     @property
     def hover(self) -> tuple[float, float, float]:
         """U_h, to second order the mean of U / (1 + (z'' + K z') / g); standard error, 95 % half-width."""
-        value, lines = float(self.means[2]) * (1.0 + float(self.left.mean())), _lines(self.problem)
+        value, lines = float(self.means[2]) * (1.0 + float(self.left.mean())), self.problem.lines
         averages = COSINE_AVERAGES - bool(np.concatenate(lines).any())  # the first is that of a line
         variance = _variance_of_mean(self.problem, self.left) * COSINE_AVERAGES / averages
         std_error = abs(value) * math.sqrt(variance)
@@ -412,8 +357,8 @@ class WeightBalance:
     @property
     def drift(self) -> ThrustDrift | None:
         """Slope in time of what is left, as a change of thrust; None of short runs."""
-        line, velocity = np.concatenate(_lines(self.problem)), np.concatenate(self.columns)[:, 1]
-        squares, chosen = float(line @ line), self.problem.motion.input_map
+        line, velocity = np.concatenate(self.problem.lines), np.concatenate(self.columns)[:, 1]
+        squares, chosen = float(line @ line), self.problem.input_map
         hover = chosen.inverse(max(self.hover[0], 0.0))
         if not (squares and hover > 0.0):
             return None
@@ -478,14 +423,14 @@ class Balance:
     @property
     def hover_input(self) -> Linear:
         """The same through the inverse of the input map."""
-        (mapped, gradient, variance), chosen = self.hover, self.problem.motion.input_map
+        (mapped, gradient, variance), chosen = self.hover, self.problem.input_map
         slope = chosen.slope(chosen.inverse(mapped))
         return chosen.inverse(mapped), gradient / slope, variance / slope**2
 
     @property
     def exponents(self) -> tuple[float, float]:
         """Near hover, of the input map and of thrust; NaN where the numbers make none."""
-        mapped, chosen = self.hover[0], self.problem.motion.input_map
+        mapped, chosen = self.hover[0], self.problem.input_map
         if not mapped > 0.0:
             return math.nan, math.nan
         hover = chosen.inverse(mapped)
@@ -497,7 +442,7 @@ class Balance:
         """Slope of the residual in time, with an intercept for each run; None of short runs."""
         if self.by_weight:
             return self.weight.drift
-        line, columns = np.concatenate(_lines(self.problem)), np.concatenate(self.weight.columns)
+        line, columns = np.concatenate(self.problem.lines), np.concatenate(self.weight.columns)
         squares = float(line @ line)
         if not squares:
             return None
@@ -511,19 +456,14 @@ class Balance:
         return ThrustDrift(rate, half_width, _duration_s(self.problem), self.exponents[1])
 
 
-def _lines(problem: VerticalFlights) -> list[Float[np.ndarray, " _"]]:
-    """Seconds from the middle of each run whose rows lose a line in time; zeros in shorter ones."""
-    return [item for flight in problem.flights for item in flight.lines]
-
-
 def _duration_s(problem: VerticalFlights) -> float:
     """Length of the runs whose rows lose a line in time [s]."""
-    return sum(map(float, map(np.ptp, _lines(problem))))
+    return sum(map(float, map(np.ptp, problem.lines)))
 
 
 def _variance_of_mean(problem: VerticalFlights, residual: Float[np.ndarray, " n"]) -> float:
     """Robust to autocorrelation, without the line in time that rows of long runs lose: that is no error."""
-    lines = _lines(problem)
+    lines = problem.lines
     parts = np.split(residual - residual.mean(), np.cumsum([line.size for line in lines])[:-1])
     pairs = zip(lines, parts, strict=True)
     return long_run_mean_variance(
@@ -578,11 +518,10 @@ def _columns(
     problem: VerticalFlights, nuisance_values: separable.Values
 ) -> list[list[Float[np.ndarray, "_ m"]]]:
     """z'', z', U and the columns of terms, of every run of each flight."""
-    blocks = []
-    for flight in problem.flights:
-        moving = MovingColumns(flight, problem.motion, problem.terms)(nuisance_values)
-        blocks.append(flight.cut(np.column_stack([flight.velocity_derivative, flight.velocity, moving])))
-    return blocks
+    return [
+        item.cut(np.column_stack([item.responses[:, -1], -item.fixed, item.moving(nuisance_values)]))
+        for item in problem.columns
+    ]
 
 
 def balance_sums(
@@ -599,9 +538,9 @@ def apparent_gravity(problem: VerticalFlights) -> float:
     """Mean of the specific force less the velocity's derivative; NaN without an accelerometer [m/s^2]."""
     resting = [
         run
-        for flight in problem.flights
-        if flight.acceleration is not None
-        for run in flight.cut((flight.acceleration - flight.velocity_derivative)[:, None])
+        for item in problem.columns
+        if item.responses.shape[1] > 1
+        for run in item.cut(item.responses[:, 0] - item.responses[:, 1])
     ]
     return GRAVITY + float(np.concatenate(resting).mean()) if resting else float("nan")
 
@@ -689,14 +628,3 @@ def mean_voltage(flights: Sequence[PreparedFlight]) -> float | None:
     known = [(flight, voltage(flight)) for flight in flights if flight.runs]
     means = [float(volts[flight.used].mean()) for flight, volts in known if volts is not None]
     return float(np.mean(means)) if means and len(means) == len(known) else None
-
-
-def with_surroundings(
-    cut: VerticalFlight, flight: PreparedFlight, radius: float | None, reference_voltage: float | None
-) -> VerticalFlight:
-    """A flight with its height in rotor radii, and its voltage over the one given less one."""
-    (height, _), volts = height_over_ground(flight), voltage(flight)
-    known = {} if height is None or radius is None else {"radii": height / radius}
-    if volts is not None and reference_voltage is not None:
-        known["voltage"] = volts / reference_voltage - 1.0
-    return replace(cut, surroundings=known)
