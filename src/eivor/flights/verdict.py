@@ -565,7 +565,9 @@ SECOND_STAGE_RULE = Rule(
 UNSPLIT_RULE = Rule(
     (ACTUATOR_LAG.name, DELAY.name),
     lambda inputs: (
-        inputs.quantities[ACTUATOR_LAG.name].interval == inputs.quantities[DELAY.name].interval
+        all(
+            map(math.isclose, *(inputs.quantities[name].interval for name in (ACTUATOR_LAG.name, DELAY.name)))
+        )
         and inputs.quantities[DELAY.name].interval[1] > 0.0
     ),
     Status.WEAK,

@@ -217,6 +217,8 @@ def evaluated(
     """Value of an expression for each sample; `given` stands for channels of its names."""
     channels, known = signals.channels, given or {}
     of = {name: known[name] if name in known else channels[name] for name in expression.columns}
+    if expression.steps == (*of,):
+        return of.popitem()[1]
     values = expression.evaluate(of, signals.step_s)
     return values if values.ndim else np.full(signals.sample_count, values)
 
