@@ -565,9 +565,7 @@ SECOND_STAGE_RULE = Rule(
 UNSPLIT_RULE = Rule(
     (ACTUATOR_LAG.name, DELAY.name),
     lambda inputs: (
-        all(
-            map(math.isclose, *(inputs.quantities[name].interval for name in (ACTUATOR_LAG.name, DELAY.name)))
-        )
+        inputs.quantities[ACTUATOR_LAG.name].interval == inputs.quantities[DELAY.name].interval
         and inputs.quantities[DELAY.name].interval[1] > 0.0
     ),
     Status.WEAK,
