@@ -23,7 +23,8 @@ if __name__ == "__main__":
     logs, models = [ev.read_log(file) for file in trained], {}
     for name, method in METHODS.items():
         fit: Any = ev.identify_flight(logs, model="rigid-body", vehicle="crazyflie-2x", method=method)
-        models[name] = SimpleModel(name, {**fit.estimate.nuisances, **fit.estimate.parameters})
+        values = {item: quantity.value for item, quantity in fit.quantities.items()}
+        models[name] = SimpleModel(name, {**fit.estimate.nuisances, **values})
     for log in (ev.read_log(item) for item in files if item not in trained):
         flight = prepare(log, fit.motion, fit.options).shortened
         made = fit.motion.abilities.prediction.multi_step(
