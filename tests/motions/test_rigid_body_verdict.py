@@ -214,14 +214,15 @@ def test_weak_instruments_move_an_interval_away_from_least_squares_where_they_ha
     """Below an F of 2 by all of a bias: half of a torque gain had an interval that looked narrow enough."""
     parts = {"assembler": SimpleNamespace(needs_instruments=True), "equation": SimpleNamespace(variance=1.0)}
     numbers = {"jacobian": np.eye(2), "residuals": np.array([1.0, 2.0]), "first_stage": np.array([0.4, 11.0])}
-    names = {"names": ("thrust_gain", "drag_z"), "prior_rows": lambda: np.empty((0, 2))}
+    names = {"names": ("thrust_gain", "drag_z"), "unrefined": None, "prior_rows": lambda: np.empty((0, 2))}
     numbers["instrument_power"] = np.array([0.2, 0.6])
     largest = np.hypot(0.2, 1.2) / 0.2
     by_references = SimpleNamespace(**parts, **numbers, **names, method="reference_iv")
     shifts = verdict.possible_shifts(by_references, None)
     assert (*shifts["thrust_gain"], *shifts["drag_z"]) == pytest.approx((largest, largest, 0.2, 0.0))
-    by_references.method += "+output_error"
-    assert not verdict.possible_shifts(by_references, None)
+    by_references.unrefined = np.array([-0.3, 0.1])
+    shifts = verdict.possible_shifts(by_references, None)
+    assert (*shifts["thrust_gain"], *shifts["drag_z"]) == pytest.approx((0.3, 0.0, 0.0, 0.1))
 
 
 def test_a_drag_below_zero_is_no_drag():

@@ -73,6 +73,8 @@ class Estimate:
     other_order: Mapping[str, float] = field(default_factory=dict)
     #: Terms of a wider model that the data do not show, with their first steps and standard errors
     left_out: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    #: What the values before output error differ by, beyond the errors of both
+    unrefined: Float[np.ndarray, " n"] | None = None
     origin: Float[np.ndarray, " n"] | None = None  # What the unknowns are changes of, in linearised equations
 
     def __getstate__(self) -> dict[str, object]:

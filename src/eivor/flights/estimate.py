@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -40,7 +39,7 @@ from eivor.models import separable
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, of_order
 from eivor.models.separable import NoInstruments
 from eivor.signals.recording import Finding, Recording
-from eivor.tools import Progress, Stage, no_stage_callback
+from eivor.tools import Float, Progress, Stage, no_stage_callback
 
 #: Role of the commands among the rates of a selection.
 COMMAND = "command"
@@ -214,22 +213,20 @@ def minimise_output_error(state: FlightState) -> FlightState:
         solution=replace(rows.solution, theta=result.theta),
         method=f"{first.method}+{OUTPUT_ERROR}",
     )
-    agreement = state.agreement or refined_agreement(first, result)
+    agreement = state.agreement
+    if first.assembler.needs_instruments:
+        result = replace(result, unrefined=beyond_errors(first, result))
+        J, p_value = first.over_identification
+        agreement = agreement or OverIdentification(J, max(first.degrees, 0), p_value)
     return replace(state, estimate=result, findings=(*state.findings, *findings), agreement=agreement)
 
 
-def refined_agreement(first: Estimate, refined: Estimate) -> OverIdentification | None:
-    """That of the instruments of the first estimate, and of the refined values with it (Bonferroni)."""
-    if not first.assembler.needs_instruments:
-        return None
-    covariances, ratios = (first.joint_covariance, refined.joint_covariance), []
-    for direction in np.eye(first.unknowns):
-        moved = abs(float(direction @ (refined.values - first.values)))
-        by_errors = [joint.half_width(direction) for joint in covariances]
-        ratios.append(1.96 * moved / math.hypot(*by_errors) if moved else 0.0)
-    J, p_value = first.over_identification
-    farthest = math.erfc(max(ratios) / math.sqrt(2.0)) * np.count_nonzero(ratios)
-    return OverIdentification(J, max(first.degrees, 0), min(1.0, 2.0 * min(p_value, farthest)))
+def beyond_errors(first: Estimate, refined: Estimate) -> Float[np.ndarray, " n"]:
+    """What the first values differ by, less what the errors of both make of it (Efron and Morris 1973)."""
+    moved = first.values - refined.values
+    variances = sum(np.diag(item.joint_covariance.matrix) for item in (first, refined))
+    noise = np.divide(variances, moved**2, out=np.ones_like(moved), where=moved != 0.0)
+    return np.asarray(moved * np.maximum(1.0 - noise, 0.0))
 
 
 def diagnose_fit(state: FlightState) -> FlightState:

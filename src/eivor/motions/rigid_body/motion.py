@@ -469,7 +469,8 @@ class RigidBody(motion.Motion[LaggedRuns]):
         lags = verdict.lag_consistency_test(estimate)
         by_wind = verdict.half_widths_by_wind(problem, estimate, flights, self.known_vehicle)
         shifts = verdict.possible_shifts(estimate, lags)
-        return verdict.RigidBodyChecks(None, wind, lags, early_s, by_wind, shifts)
+        refined = estimate.unrefined is not None
+        return verdict.RigidBodyChecks(None, wind, lags, early_s, by_wind, shifts, refined)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]

@@ -13,7 +13,6 @@ import numpy as np
 
 from eivor.errors import DataError, EstimationError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import OUTPUT_ERROR
 from eivor.estimation.methods import by_name, identify
 from eivor.flights import verdict
 from eivor.flights.lag_prior import EFFECTIVE_LAG
@@ -472,13 +471,15 @@ HALF_F = 2.0
 
 
 def possible_shifts(estimate: Estimate, lags: Contradiction | None) -> dict[str, tuple[float, float]]:
-    """By how much each parameter may be lower and higher: at lags of single axes, or by weak instruments."""
+    """By how much each parameter may be lower and higher: by lags of single axes, or by instruments."""
     if lags is not None:
         sizes = np.array([size for name, size in lags.numbers.items() if name.endswith(_CHANGE)])
         near, lag = np.abs(sizes) <= FAR * lags.numbers["lag_of_all_s"], ACTUATOR_LAG.name
         errors = estimate.joint_covariance.parts[0].matrix[estimate.names.index(lag)]
         shifts = np.outer(sizes[near], errors / errors[estimate.names.index(lag)])
-    elif estimate.assembler.needs_instruments and OUTPUT_ERROR not in estimate.method:
+    elif estimate.unrefined is not None:
+        shifts = estimate.unrefined[None]
+    elif estimate.assembler.needs_instruments:
         known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
         # least squares of the rows as far as instruments have power there
         power = np.append(estimate.instrument_power, np.ones(len(known)))
@@ -503,6 +504,10 @@ def possible_shifts(estimate: Estimate, lags: Contradiction | None) -> dict[str,
 def _shift_sentence(inputs: verdict.VerdictInputs) -> str:
     if inputs.checks.lags is not None:
         return "The axes disagree about the lag: intervals reach to what each of them asks for."
+    if inputs.checks.refined:
+        return (
+            "Output error and instruments disagree beyond their errors: intervals reach to the instruments."
+        )
     name, F = min(inputs.first_stage.items(), key=lambda item: item[1])
     words = f"first-stage F is {F:.3g} for the {name.replace('_', ' ')}"
     return f"Estimates lie the more towards least squares, the weaker the instruments are: {words}."
@@ -518,6 +523,7 @@ class RigidBodyChecks(verdict.MotionChecks):
     filter_early_s: float = 0.0  # By what the gyroscope's filter may be less late than it is taken to be [s]
     by_wind: Mapping[str, float] = field(default_factory=dict)  # Half-widths by the errors of winds
     shifts: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # See `possible_shifts`
+    refined: bool = False  # Whether these are to the values before output error
 
     @property
     def numbers(self) -> dict[str, float]:
