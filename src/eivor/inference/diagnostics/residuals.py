@@ -122,7 +122,8 @@ def wald_path(difference: np.ndarray, S: np.ndarray) -> Float[np.ndarray, " brea
 
 def p_value(statistic: Float[np.ndarray, "*some"] | float, unknowns: int) -> Float[np.ndarray, "*some"]:
     """Tail of the supremum, from the table: logarithms are interpolated, ends are kept."""
-    return np.exp(np.interp(np.log(np.maximum(statistic, 1e-300)), LOG_QUANTILES[unknowns], LOG_TAILS))
+    logarithm = np.log(np.maximum(statistic, 1e-300))
+    return np.asarray(np.exp(np.interp(logarithm, LOG_QUANTILES[unknowns], LOG_TAILS)))
 
 
 @lru_cache(maxsize=1)
