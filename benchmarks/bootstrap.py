@@ -21,8 +21,7 @@ from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
 from eivor.models.regression import Regression
-from eivor.motions.vertical.motion import vertical_flight
-from eivor.motions.vertical.regression import VerticalFlights, vertical_problem
+from eivor.motions.vertical.regression import VerticalFlights
 from eivor.signals.recording import Recording
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
@@ -59,8 +58,7 @@ def pool(fit: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
     assert fit.fit is not None
     assert isinstance(fit.fit.problem, VerticalFlights)
     whole = fit.fit.problem
-    flights = tuple(vertical_flight(flight) for flight in prepared)
-    problem = vertical_problem(flights, whole.motion, whole.rule)
+    problem = whole.made_of(prepared)
     estimate = identify(problem, reference_iv())
     quantities = {
         name: quantity_estimate.judged(fit.verdict, fit.motion.quantities[name])

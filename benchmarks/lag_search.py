@@ -13,7 +13,7 @@ from _shared import arguments, example_flight, least_seconds, machine
 from scipy.signal import lfilter
 
 import eivor as ev
-from eivor.motions.vertical.regression import VerticalFlights, vertical_problem
+from eivor.motions.vertical.regression import VerticalFlights
 
 
 def main() -> None:
@@ -27,8 +27,8 @@ def main() -> None:
     assert isinstance(problem, VerticalFlights)
     repeats = 1 if small else 5
     for copies in (1,) if small else (1, 4):
-        flights = vertical_problem(problem.flights * copies, problem.motion, problem.rule)
-        commands = [flight.signals.family(flight.input) for flight in flights.flights]
+        flights = problem.made_of(problem.flights * copies)
+        commands = [flight.signals.family(flight.input.name) for flight in flights.flights]
         minutes = sum(
             (run.stop - run.start) * flight.signals.step_s / 60.0
             for flight in flights.flights
