@@ -301,6 +301,8 @@ LARGEST_ANGLE = 1e-2
 SIGNS, FACTORIALS = (1, -1, -1, 1, 1, -1), np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
 #: Groups of fewer scores save nothing.
 SHORTEST_GROUP = 8
+#: A record of so many samples at most is transformed as a whole.
+SHORT_RECORD = 4_000
 
 
 def cosine_covariance(scores: Iterable[Block], count: int, averages: int = COSINE_AVERAGES) -> Matrix:
@@ -309,7 +311,7 @@ def cosine_covariance(scores: Iterable[Block], count: int, averages: int = COSIN
     step = np.pi * np.arange(1, averages + 1)[:, None] / count
     for block in scores:
         samples = block.shape[0]
-        if samples == count:
+        if samples == count and count <= SHORT_RECORD:
             L = cosine_averages(block, averages)
             return L.T @ L / averages
         longest = min(int(2.0 * LARGEST_ANGLE / step[-1, 0]), samples)
