@@ -213,11 +213,9 @@ def minimise_output_error(state: FlightState) -> FlightState:
         solution=replace(rows.solution, theta=result.theta),
         method=f"{first.method}+{OUTPUT_ERROR}",
     )
-    agreement = state.agreement
+    agreement = state.agreement or diagnose(first).over_identification
     if first.assembler.needs_instruments:
         result = replace(result, unrefined=beyond_errors(first, result))
-        J, p_value = first.over_identification
-        agreement = agreement or OverIdentification(J, max(first.degrees, 0), p_value)
     return replace(state, estimate=result, findings=(*state.findings, *findings), agreement=agreement)
 
 

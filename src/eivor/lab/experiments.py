@@ -49,11 +49,9 @@ def streams(seed: int, numbers: Sequence[int], parts: Sequence[int]) -> Iterator
     """Generators `stream(seed, number, part)` of each number, part by part, seeded all at once."""
     words = [seed >> shift & 0xFFFFFFFF for shift in range(0, max(seed.bit_length(), 97), 32)]
     entropy = np.empty((len(words) + 2, len(parts) * len(numbers)), dtype=np.uint32)
-    entropy[:-2].T[:], entropy[-2], entropy[-1] = (
-        words,
-        np.tile(numbers, len(parts)),
-        np.repeat(parts, len(numbers)),
-    )
+    entropy[:-2] = np.array(words)[:, None]
+    entropy[-2] = np.tile(numbers, len(parts))
+    entropy[-1] = np.repeat(parts, len(numbers))
     (first, second), hashed = np.array(MIX, dtype=np.uint32), _hash(*POOL_HASH)
     pool = [hashed(word) for word in entropy[:4]]
     pairs: list[tuple[Any, int, int]] = [(pool, i, j) for i in range(4) for j in range(4) if i != j]

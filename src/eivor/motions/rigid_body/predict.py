@@ -133,9 +133,9 @@ class StatePropagator:
 
     @cached_property
     def _usual(self) -> float:
-        flight, thrust = self.logged.flight, self.models[0].get(THRUST.name, 0.0)
         if self.usual:
             return self.usual
+        flight, thrust = self.logged.flight, self.models[0].get(THRUST.name, 0.0)
         return regression.hover_state(flight, self.vehicle, thrust) or regression.usual_state((flight,))
 
     @cached_property

@@ -54,11 +54,9 @@ def _gains(flight: PreparedFlight, limits: Sequence[CommandLimit]) -> Float[np.n
     In variances, block by block of a flight of one run. The innovations are those of one autoregression.
     """
     (run,), step_s, signals = flight.runs, flight.signals.step_s, flight.signals
-    velocity, tilt, chosen = (*map(signals.channel, ("velocity_z", "cos_tilt")), input_map(flight.input_map))
-    response, block = (
-        signals.channels.get(FORCE, np.gradient(velocity, step_s)),
-        max(round(BLOCK_S / step_s), 1),
-    )
+    velocity, tilt = signals.channel("velocity_z"), signals.channel("cos_tilt")
+    chosen, block = input_map(flight.input_map), max(round(BLOCK_S / step_s), 1)
+    response = signals.channels[FORCE] if FORCE in signals.channels else np.gradient(velocity, step_s)
     delays = [np.maximum(np.arange(tilt.size) - round(delay_s / step_s), 0) for delay_s in DELAYS_S]
 
     def rows(commands: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "c rows"]:
