@@ -27,6 +27,8 @@ from eivor.errors import (
     TooFewSamplesError,
     UsageError,
 )
+from eivor.estimation.profile_sets import NuisanceProducts
+from eivor.estimation.variable_projection import nodes_of
 from eivor.estimation.weighting import SpectralWhitening
 from eivor.lab.fractional_model import FilteredSignals, FractionalPart, Side
 from eivor.models.lagged_runs import (
@@ -38,7 +40,7 @@ from eivor.models.lagged_runs import (
     of_order,
 )
 from eivor.models.regression import AxisRows, Column, Equation, Parameter, SampleRows, lags, regression
-from eivor.models.separable import LaggedInputs, LaggedReferences, NoInstruments, Nuisance
+from eivor.models.separable import LaggedInputs, LaggedReferences, NoInstruments, Nuisance, values_of
 from eivor.models.signal_regression import SignalRegression, cross_fitted
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 from eivor.motions.vertical.model import VerticalMotion
@@ -406,15 +408,17 @@ def test_columns_between_lags_and_delays_are_those_that_a_filter_makes(stages):
     weights = SpectralWhitening().last_pass(problem, np.array([0.3, 1.0]), points[len(points) // 2])
     plain = replace(weights, problem=direct)
     np.testing.assert_allclose(weights.products(points), plain.products(points), rtol=1e-8, atol=1e-9)
-    sums = (each.sums(points, weights.basis) for each in (weights, plain))
-    for seen, wanted in zip(*sums, strict=True):
-        for one, other in zip(seen, wanted, strict=True):
-            np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-8 * np.abs(other).max())
+    (made,) = NuisanceProducts.of_rows(weights, nodes_of(nuisances)).values()
     # the same as every column by itself
-    for point, product in zip(points, plain.products(points), strict=True):
+    for point, product, E, root in zip(
+        points, plain.products(points), *made.at(values_of(points)), strict=True
+    ):
         rows = plain.rows(point)
         both = np.column_stack([rows.regressors, rows.response])
         np.testing.assert_allclose(product, rows.instruments.T @ both / rows.response.size, atol=1e-12)
+        np.testing.assert_allclose(E, rows.instruments.T @ both, rtol=1e-8, atol=1e-7)
+        power = both.T @ both
+        np.testing.assert_allclose(root.T @ root, power, rtol=1e-8, atol=1e-8 * np.abs(power).max())
 
 
 def test_instruments_of_an_axis_are_not_those_of_another():

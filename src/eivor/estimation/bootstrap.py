@@ -254,10 +254,11 @@ class PoolFlights:
             return left + self.variance * self.nodes.misfit(self.nodes.values_over(box), known)
 
         position = argmin(objective, self.nodes.nodes)
-        weights = self.nodes.weights(position)
+        values = self.nodes.values_over([*position[:, None]])
+        weights = self.nodes.weights(values)[0]
         both = np.tensordot(weights, equations, 1)
         theta = self.solver.solve(LinearSystem(both[:, :-1], both[:, -1])).theta
-        return Replicate(self.nodes.values_at(position), theta, weights)
+        return Replicate({name: float(value[0]) for name, value in values.items()}, theta, weights)
 
 
 def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:

@@ -390,6 +390,7 @@ def pooled(
 ) -> Pooled:
     """Pool flights that share some parameters."""
     nodes = nodes_of(nuisances, FEWEST_NODES)
+    problems = [problem.with_nuisances(nuisances) for problem in problems]
     parameters = [parameter.name for parameter in estimates[0].rows.parameters]
     specific = [parameters.index(name) for name in names]
 
@@ -400,10 +401,11 @@ def pooled(
             centre[specific] = parameters[specific]
             # products of a flight, whitened by its residual at some values
             weights = whitened_by_residuals(problem, parameters, {**here, **nodes.fixed})
-            made = (sets.products_at(weights.rows(point), centre) for point in nodes.points)
-            equations, power = (np.stack(parts) for parts in zip(*made, strict=True))
+            (made,) = sets.NuisanceProducts.of_rows(weights, nodes).values()
             count = weights.basis.shape[0] * estimate.rows.layout.independent
-            members.append(sets.PoolMember(problem, weights, centre, equations, power, count))
+            members.append(
+                sets.PoolMember(problem, weights, centre, made.combined(sets.about(centre)), count)
+            )
         return sets.Criterion(tuple(members), tuple(specific), nodes, sets.known_priors(nodes))
 
     first = weighted([item.nuisances for item in estimates], [item.theta for item in estimates])

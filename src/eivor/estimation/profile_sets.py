@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from itertools import repeat
 from math import inf
 from typing import cast
 
@@ -17,50 +18,118 @@ from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.variable_projection import Box, NodeAxis, Nodes, argmin, nodes_of
-from eivor.estimation.weighting import WeightedRows, WhitenedRows
+from eivor.estimation.weighting import RunSums, WeightedRows, WhitenedRows
 from eivor.inference import distributions
 from eivor.inference.anderson_rubin import Allowed, allowed, concentrated, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
-from eivor.models.regression import Regression
-from eivor.models.separable import Prior, SeparableProblem, Values
+from eivor.models.separable import ManyValues, Prior, SeparableProblem, Values, values_of
 from eivor.models.spectral import BinRows
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float, Int
 
+#: Directions of an interpolation's columns with smaller shares of power are none.
+SMALLEST_POWER = 1e-14
+
+
+@dataclass(frozen=True)
+class NuisanceProducts:
+    """Q' [phi y], and R with [phi y]' [phi y] = R' R, at any values of the nuisances, by those at nodes."""
+
+    weights: Callable[[ManyValues], Float[np.ndarray, "points T"]]
+    equations: Float[np.ndarray, "T q b"]
+    root: Float[np.ndarray, "T r b"]
+
+    @classmethod
+    def of_rows(
+        cls,
+        weights: WhitenedRows,
+        nodes: Nodes,
+        basis: Float[np.ndarray, "rows q"] | None = None,
+        kinds: Iterable[bytes] = repeat(b""),
+    ) -> dict[bytes, NuisanceProducts]:
+        """Products of the runs of each kind, by default of all, with an orthonormal basis of instruments."""
+        between = weights.problem.interpolation
+        made: dict[tuple[bytes, bytes], RunSums] = {}
+        points, of = (nodes.points, nodes.weights) if between is None else (between.points, between.weights)
+        runs = weights.sums(points, weights.basis if basis is None else basis)
+        for kind, (still, moving, equations, power) in zip(kinds, runs, strict=False):
+            key = kind, moving.tobytes()
+            *_, E, P = made.get(key, (0.0, 0.0))
+            made[key] = still, moving, E + equations, P + power
+        results: dict[bytes, NuisanceProducts] = {}
+        for (kind, _), (still, moving, equations, power) in made.items():
+            part = cls(of, equations, _root(power, still, moving, equations.shape[0]))
+            results[kind] = part.joined(results[kind]) if kind in results else part
+        return results
+
+    def joined(self, other: NuisanceProducts) -> NuisanceProducts:
+        """Products of these rows and of others."""
+        root = np.concatenate([self.root, other.root], axis=1)
+        return replace(self, equations=self.equations + other.equations, root=root)
+
+    def combined(
+        self, columns: Float[np.ndarray, "b c"], instruments: Float[np.ndarray, "q p"] | None = None
+    ) -> NuisanceProducts:
+        """Products of combinations of the columns, and of the instruments."""
+        equations = self.equations if instruments is None else instruments.T @ self.equations
+        return replace(self, equations=equations @ columns, root=self.root @ columns)
+
+    def at(
+        self, values: ManyValues
+    ) -> tuple[Float[np.ndarray, "points q b"], Float[np.ndarray, "points r b"]]:
+        W = self.weights(values)
+        return np.tensordot(W, self.equations, 1), np.tensordot(W, self.root, 1)
+
+
+def _root(
+    power: np.ndarray, still: Int[np.ndarray, " f"], moving: Int[np.ndarray, " m"], nodes: int
+) -> Float[np.ndarray, "nodes r b"]:
+    """A root of products at each node, as smooth between nodes as these; the same for all if interpolated."""
+    count, size = still.size, int(still[-1]) + 1
+    lengths = np.sqrt(np.diagonal(power.mean(axis=0) if power.ndim > 2 else power))
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    squares, directions = np.linalg.eigh(power / np.outer(lengths, lengths))
+    root = np.sqrt(np.maximum(squares, 0.0))[..., None] * directions.swapaxes(-1, -2)
+    if power.ndim > 2:
+        root = directions @ root * lengths
+        moved = root[..., count:]
+    else:
+        root = root[squares > SMALLEST_POWER * squares[-1]] * lengths
+        moved = root[:, count:].reshape(len(root), nodes, moving.size).swapaxes(0, 1)
+    result = np.zeros((nodes, root.shape[-2], size))
+    result[..., still], result[..., moving] = root[..., :count], moved
+    return result
+
 
 @dataclass(frozen=True)
 class PoolMember:
-    """Products of one flight at every node of the nuisances."""
+    """Products of one flight."""
 
     problem: SeparableProblem
     weights: WeightedRows
     centre: Float[np.ndarray, " n"]  # Linear parameters at which the response is taken
-    equations: Float[np.ndarray, "T q n_plus_1"]  # Q' of residual and regressors, at each node
-    power: Float[np.ndarray, "T n_plus_1 n_plus_1"]  # Their products with each other
+    products: NuisanceProducts  # Of residual and regressors
     rows: float  # As many independent ones
 
     def recentred(self, centre: Float[np.ndarray, " n"]) -> PoolMember:
         """The same products with the response taken elsewhere."""
-        moved = np.append(1.0, self.centre - centre)
-        equations, power = self.equations.copy(), self.power.copy()
-        equations[:, :, 0] = self.equations @ moved
-        power[:, 0, 1:] = power[:, 1:, 0] = self.power[:, 1:] @ moved
-        power[:, 0, 0] = moved @ self.power @ moved
-        return replace(self, centre=centre, equations=equations, power=power)
+        change = np.eye(1 + centre.size)
+        change[1:, 0] = self.centre - centre
+        return replace(self, centre=centre, products=self.products.combined(change))
 
     @property
     def instruments(self) -> int:
         """Number of independent instruments."""
-        return self.equations.shape[1]
+        return self.products.equations.shape[1]
 
 
-def products_at(
-    rows: Regression, centre: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "q n_plus_1"], Float[np.ndarray, "n_plus_1 n_plus_1"]]:
-    """Q' of residual and regressors, and their products with each other."""
-    columns = np.column_stack([rows.response - rows.regressors @ centre, rows.regressors])
-    return rows.instruments.T @ columns, columns.T @ columns
+def about(centre: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
+    """Combinations of [phi y] that are the residual of parameters, and the regressors."""
+    change = np.zeros((centre.size + 1, centre.size + 1))
+    change[:, 0] = np.append(-centre, 1.0)
+    change[:-1, 1:] = np.eye(centre.size)
+    return change
 
 
 #: Places between two nodes at which minima are looked for.
@@ -126,14 +195,20 @@ class Criterion:
     @cached_property
     def _scales(self) -> Float[np.ndarray, " b"]:
         """Lengths of residual and regressors, by which columns are divided."""
-        lengths = np.sqrt(np.mean([np.diagonal(np.mean(m.power, axis=0)) for m in self.members], axis=0))
+        squares = [np.mean((m.products.root**2).sum(axis=1), axis=0) for m in self.members]
+        lengths = np.sqrt(np.mean(squares, axis=0))
         return np.where(lengths > 0.0, lengths, 1.0)
 
     @cached_property
-    def _scaled(self) -> list[tuple[Float[np.ndarray, "T q b"], Float[np.ndarray, "T b b"]]]:
-        """Equations of each flight and their power over rows less unknowns, in columns of unit length."""
-        sizes = np.outer(self._scales, self._scales) * (self.rows - self.unknowns)
-        return [(member.equations / self._scales, member.power / sizes) for member in self.members]
+    def _scaled(self) -> list[NuisanceProducts]:
+        """Products of each flight in columns of unit length."""
+        return [member.products.combined(np.diag(1.0 / self._scales)) for member in self.members]
+
+    def _forms(self, values: ManyValues) -> tuple[Forms, Forms]:
+        """Squares of each flight's equations, and its power over rows less unknowns."""
+        N, D = zip(*(item.at(values) for item in self._scaled), strict=True)
+        N, D = (np.stack([part.swapaxes(1, 2) @ part for part in parts]) for parts in (N, D))
+        return N, D / (self.rows - self.unknowns)
 
     def _joined(self, blocks: Forms) -> Float[np.ndarray, "m q q"]:
         """Form of all parameters: residual, each flight's own, and what is shared."""
@@ -146,12 +221,10 @@ class Criterion:
 
     def least(self, box: Box) -> Float[np.ndarray, " points"]:
         """Least J at the points of a box."""
-        made = [[self.nodes.over(part, box) for part in pair] for pair in self._scaled]
-        N = np.stack([seen.transpose(0, 2, 1) @ seen for seen, _ in made])
-        D = np.stack([power for _, power in made])
-        return least_ratio(self._joined(N), self._joined(D)) + self.nodes.misfit(
-            self.nodes.values_over(box), self.known
-        )
+        return self._least(self.nodes.values_over(box))
+
+    def _least(self, values: ManyValues) -> Float[np.ndarray, " points"]:
+        return least_ratio(*map(self._joined, self._forms(values))) + self.nodes.misfit(values, self.known)
 
     @cached_property
     def minimum(self) -> tuple[Values, float]:
@@ -161,11 +234,7 @@ class Criterion:
 
     def parameters(self, nuisances: Values) -> list[Float[np.ndarray, " n"]]:
         """Linear parameters of each flight where J is least, at values of the nuisances."""
-        made = [products_at(member.weights.rows(nuisances), member.centre) for member in self.members]
-        outer = np.outer(self._scales, self._scales)
-        seen = [equations / self._scales for equations, _ in made]
-        N = self._joined(np.stack([(item.T @ item)[None] for item in seen]))[0]
-        D = self._joined(np.stack([(power / outer)[None] for _, power in made]))[0]
+        N, D = (self._joined(part)[0] for part in self._forms(values_of([nuisances])))
         x = scipy.linalg.eigh(N, D, subset_by_index=(0, 0))[1][:, 0]
         differences = -x / x[0] * self._scales[0]
         return [
@@ -178,53 +247,21 @@ class Criterion:
         return self.nodes.axes[0] if self.nodes.axes else None
 
     @cached_property
-    def _closer(self) -> tuple[Nodes, Box]:
-        return self.nodes.closer(self.minimum[0] if self.around is None else self.around)
-
-    @cached_property
     def slices(self) -> list[dict[str, float]]:
         """Values of all nuisances but the first, of each slice."""
-        return Nodes(self._closer[0].axes[1:], self.nodes.fixed).points
+        return self.nodes.slices(self.minimum[0] if self.around is None else self.around)
 
-    @cached_property
-    def _in_slices(self) -> list[list[Float[np.ndarray, "S T *shape"]]]:
-        """Equations and power of each flight, at the nodes of every slice."""
-
-        def sliced(part: Float[np.ndarray, "nodes *shape"]) -> Float[np.ndarray, "S T *shape"]:
-            fine, count = self.nodes.over(part, self._closer[1]), len(self.slices)
-            # no -1: equations without a parameter that stays are empty
-            shape = (fine.shape[0] // count, count, *part.shape[1:])
-            return np.ascontiguousarray(fine.reshape(shape).swapaxes(0, 1))
-
-        return [[sliced(part) for part in pair] for pair in self._scaled]
-
-    def _forms_at(self, rows: Rows, places: Places) -> tuple[Forms, Forms]:
-        """N and D of each flight at some places of slices, the places of a row all of one slice."""
-        weights = np.ones((*places.shape, 1))
+    def _values_at(self, rows: Rows, places: Places) -> ManyValues:
+        """Values of the nuisances at some places of slices, the places of a row all of one slice."""
+        of_slices = {name: np.array([point[name] for point in self.slices]) for name in self.slices[0]}
+        values = {name: np.repeat(item[rows], places.shape[1]) for name, item in of_slices.items()}
         if self._axis is not None:
-            weights = self._axis.weights(places.ravel()).reshape(*places.shape, -1)
-
-        def between(part: Float[np.ndarray, "S T *shape"]) -> Float[np.ndarray, "m *shape"]:
-            at_nodes = part[rows].reshape(rows.size, part.shape[1], -1)
-            return (weights @ at_nodes).reshape(places.size, *part.shape[2:])
-
-        seen = [between(equations) for equations, _ in self._in_slices]
-        N = np.stack([item.transpose(0, 2, 1) @ item for item in seen])
-        return N, np.stack([between(power) for _, power in self._in_slices])
-
-    def _misfit_at(self, rows: Rows, places: Places) -> Places:
-        """Squared distance from what is known beforehand, in standard errors."""
-        values = {
-            name: np.array([self.slices[row][name] for row in rows])[:, None] for name in self.slices[0]
-        }
-        if self._axis is not None:
-            values[self._axis.nuisance.name] = self._axis.values_at(places)
-        return self.nodes.misfit(values, self.known) + np.zeros(places.shape)
+            values[self._axis.nuisance.name] = self._axis.values_at(places.ravel())
+        return values
 
     def least_at(self, rows: Rows, places: Places) -> Places:
         """Least J at some places of slices."""
-        J = least_ratio(*map(self._joined, self._forms_at(rows, places)))
-        return J.reshape(places.shape) + self._misfit_at(rows, places)
+        return self._least(self._values_at(rows, places)).reshape(places.shape)
 
     @cached_property
     def _scanned(self) -> list[tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]:
@@ -316,9 +353,9 @@ class Criterion:
         if not rows.size:
             return [ConfidenceSet.empty() for _ in self.members]
         pieces: list[list[tuple[float, float]]] = [[] for _ in self.members]
-        N, D = self._forms_at(rows, places)
-        left = (bound - self._misfit_at(rows, places)).ravel()[:, None, None]
-        for number, (Q, free) in enumerate(self._others_free(N - left * D)):
+        values = self._values_at(rows, places)
+        (N, D), left = self._forms(values), bound - self.nodes.misfit(values, self.known)
+        for number, (Q, free) in enumerate(self._others_free(N - np.reshape(left, (-1, 1, 1)) * D)):
             fitting = allowed(Q, 1 + position)
             parts = (fitting.low, fitting.high, fitting.outside, free)
             scale = self._scales[0] / self._scales[1 + position]
@@ -431,7 +468,7 @@ class ProfileSets:
         part = self._part([bool(present[position]) for _, present in self._runs])
         if part.criterion is not self._of_all_rows:
             position -= sum(parameters.index(other) < position for other in part.strange)
-            products = [member.equations for member in part.criterion.members]
+            products = [member.products.equations for member in part.criterion.members]
             if all(
                 len(E) > 1 and E.size > 0 and np.ptp(E, axis=0).max() <= SAME * np.abs(E).max()
                 for E in products
@@ -515,15 +552,13 @@ class ProfileSets:
         return [(size, np.any(part, axis=0)) for size, part in zip(sizes, parts, strict=True)]
 
     @cached_property
-    def _sums(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """First row, Q' [phi y] and [phi y]' [phi y] of the runs with the same regressors, at every node."""
-        made: dict[bytes, tuple[int, np.ndarray, np.ndarray]] = {}
-        sums, start = self._weights.sums(self.nodes.points, self.estimate.rows.instruments), 0
-        for (size, present), (E, P) in zip(self._runs, sums, strict=True):
-            first, *known = made.get(present.tobytes(), (start, 0.0, 0.0))
-            made[present.tobytes()] = (first, known[0] + E, known[1] + P)
-            start += size
-        return list(made.values())
+    def _sums(self) -> list[tuple[int, NuisanceProducts]]:
+        """First row and products of the runs with the same regressors."""
+        kinds = [present.tobytes() for _, present in self._runs]
+        starts = np.cumsum([0, *(size for size, _ in self._runs)]).tolist()
+        instruments = self.estimate.rows.instruments
+        made = NuisanceProducts.of_rows(self._weights, self.nodes, instruments, kinds)
+        return [(starts[kinds.index(kind)], item) for kind, item in made.items()]
 
     def _criterion(
         self,
@@ -532,14 +567,11 @@ class ProfileSets:
         instruments: Float[np.ndarray, "p q"],
     ) -> Criterion:
         """J of some rows, regressors and combinations of instruments."""
-        parts, theta = [item for item in self._sums if rows[item[0] : item[0] + 1].any()], self.estimate.theta
-        change = np.zeros((theta.size + 1, regressors.size + 1))
-        change[:, 0] = np.append(-theta, 1.0)
-        change[regressors, np.arange(1, regressors.size + 1)] = 1.0
-        equations = instruments.T @ sum(E for _, E, _ in parts) @ change
-        power = change.T @ sum(P for *_, P in parts) @ change
+        parts, theta = [part for first, part in self._sums if rows[first]], self.estimate.theta
+        products = reduce(NuisanceProducts.joined, parts)
+        products = products.combined(about(theta)[:, [0, *(1 + regressors)]], instruments)
         count = np.count_nonzero(rows) * self.estimate.rows.layout.independent
-        member = PoolMember(self.problem, self._weights, theta[regressors], equations, power, count)
+        member = PoolMember(self.problem, self._weights, theta[regressors], products, count)
         return Criterion((member,), (), self.nodes, known_priors(self.nodes), self.estimate.nuisances)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from eivor.errors import ConvergenceError
 from eivor.linalg.system import Solution
-from eivor.models.separable import Nuisance, Prior, Values
+from eivor.models.separable import ManyValues, Nuisance, Prior, Values
 from eivor.tools import Float, Int
 
 if TYPE_CHECKING:
@@ -323,11 +323,15 @@ class NodeAxis:
     @cached_property
     def nodes(self) -> Float[np.ndarray, " T"]:
         """Nodes on the spline's scale."""
-        return np.log(self.values) if self.nuisance.positive else self.values
+        return self.places_of(self.values)
 
     def values_at(self, positions: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
         """Values of the nuisance at places of the scale."""
         return np.exp(positions) if self.nuisance.positive else positions
+
+    def places_of(self, values: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
+        """Places of values on the spline's scale."""
+        return np.log(values) if self.nuisance.positive else values
 
     @cached_property
     def weights(self) -> CubicSpline:
@@ -366,11 +370,12 @@ class Nodes:
             result = np.moveaxis(moved, 0, number)
         return result.reshape(math.prod(result.shape[: len(sizes)]), *values.shape[1:])
 
-    def weights(self, position: Float[np.ndarray, " axes"]) -> Float[np.ndarray, " T"]:
-        """What each node counts at one place."""
-        result = np.ones(1)
-        for axis, item in zip(self.axes, position, strict=True):
-            result = np.outer(result, axis.weights(np.array([item]))[0]).ravel()
+    def weights(self, values: ManyValues) -> Float[np.ndarray, "points T"]:
+        """What each node counts at values of the nuisances."""
+        result = np.ones((1, 1))
+        for axis in self.axes:
+            of_axis = axis.weights(axis.places_of(values[axis.nuisance.name]))
+            result = (result[:, :, None] * of_axis[:, None]).reshape(len(of_axis), -1)
         return result
 
     def values_at(self, position: Float[np.ndarray, " axes"]) -> Values:
@@ -393,9 +398,9 @@ class Nodes:
         named = (axis.nuisance for axis in self.axes if axis.nuisance.name in known)
         return sum((known[item.name].misfit(item.with_others(values)) for item in named), 0.0)
 
-    def closer(self, nuisance_values: Values) -> tuple[Nodes, Box]:
-        """Nodes with more of all nuisances but the first around some values, and their places here."""
-        axes, box = list(self.axes[:1]), [axis.nodes for axis in self.axes[:1]]
+    def slices(self, nuisance_values: Values) -> list[dict[str, float]]:
+        """Values of all nuisances but the first, closer around some."""
+        axes = []
         for axis in self.axes[1:]:
             nodes, value = axis.nodes, nuisance_values[axis.nuisance.name]
             here = float(np.interp(value, axis.values, np.arange(nodes.size)))
@@ -403,8 +408,7 @@ class Nodes:
             steps = np.clip(steps, 0.0, nodes.size - 1.0)
             places = np.unique(np.append(np.interp(steps, np.arange(nodes.size), nodes), nodes))
             axes.append(NodeAxis(axis.nuisance, axis.values_at(places)))
-            box.append(places)
-        return Nodes(tuple(axes), self.fixed), box
+        return Nodes(tuple(axes), self.fixed).points
 
 
 def nodes_of(nuisances: tuple[Nuisance, ...], fewest: int = FEWEST_NODES) -> Nodes:

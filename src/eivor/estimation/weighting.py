@@ -18,7 +18,7 @@ from eivor.inference.covariance import Bartlett, kernel_sum_covariance, newey_we
 from eivor.inference.diagnostics.record import orthonormal_basis
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem, Regression
-from eivor.models.separable import SeparableProblem, Values
+from eivor.models.separable import SeparableProblem, Values, values_of
 from eivor.models.spectral import BinRows, SpectralRegression
 from eivor.tools import Complex, Float, Int
 
@@ -209,6 +209,11 @@ POWER_FLOOR = 1e-6
 BATCH_NUMBERS = 4_000_000
 
 
+#: Places of a run's columns that stay and that move, their Q' [phi y] at some values of the nuisances, and
+#: their products with each other: at each of these, or of an interpolation those that move of all nodes.
+RunSums = tuple[Int[np.ndarray, " f"], Int[np.ndarray, " m"], Float[np.ndarray, "T q b"], np.ndarray]
+
+
 @dataclass(frozen=True)
 class WhitenedRows(WeightedRows):
     """Blend and power at each bin, and the whitened instruments' orthonormal basis."""
@@ -230,7 +235,7 @@ class WhitenedRows(WeightedRows):
         between = self.problem.interpolation
         if between is None:
             return self._products(points)
-        return np.tensordot(between.weights(points), self._at_nodes, 1)
+        return np.tensordot(between.weights(values_of(points)), self._at_nodes, 1)
 
     @cached_property
     def _at_nodes(self) -> Float[np.ndarray, "nodes p n_plus_1"]:
@@ -273,30 +278,22 @@ class WhitenedRows(WeightedRows):
             yield basis[rows], np.concatenate([known.real, known.imag], axis=1), at, j, X * weight
             start = here.stop
 
-    def sums(
-        self, points: Sequence[Values], basis: Float[np.ndarray, "rows q"]
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Q' [phi y] and [phi y]' [phi y] of each run, at many values of the nuisances."""
-        between, size = self.problem.interpolation, max(BATCH_NUMBERS // self.basis.shape[0], 1)
-        if between is None and len(points) > size:
+    def sums(self, points: Sequence[Values], basis: Float[np.ndarray, "rows q"]) -> Iterator[RunSums]:
+        """Products of each run at some values of the nuisances."""
+        joint, size = self.problem.interpolation is not None, max(BATCH_NUMBERS // self.basis.shape[0], 1)
+        if not joint and len(points) > size:
             parts = (points[first : first + size] for first in range(0, len(points), size))
-            for run in zip(*[list(self.sums(part, basis)) for part in parts], strict=True):
-                yield np.concatenate([E for E, _ in run]), np.concatenate([P for _, P in run])
+            for run in zip(*(self.sums(part, basis) for part in parts), strict=True):
+                at, j, *products = zip(*run, strict=True)
+                yield at[0], j[0], *map(np.concatenate, products)
             return
-        nodes = points if between is None else between.points
-        W = None if between is None else between.weights(points)
-        for functions, known, at, j, X in self._runs(nodes, basis):
-            E = self._of_run(len(nodes), functions, known, at, j, X)
-            P = np.zeros((len(points), *2 * (at[-1] + 1,)))
-            cross = X @ known.T
-            if W is None:
-                power = X @ X.transpose(0, 2, 1)
+        for functions, known, at, j, X in self._runs(points, basis):
+            E = self._of_run(len(points), functions, known, at, j, X)
+            if joint:
+                columns = np.concatenate([known, X.reshape(-1, X.shape[2])])
             else:
-                E, cross = (np.tensordot(W, item, 1) for item in (E, cross))
-                power = np.einsum("tajb,tj->tab", np.tensordot(W, np.tensordot(X, X, (2, 2)), 1), W)
-            P[:, at[:, None], at], P[:, j[:, None], j] = known @ known.T, power
-            P[:, j[:, None], at], P[:, at[:, None], j] = cross, cross.transpose(0, 2, 1)
-            yield E, P
+                columns = np.concatenate([np.broadcast_to(known, (len(points), *known.shape)), X], axis=1)
+            yield at, j, E, columns @ columns.swapaxes(-1, -2)
 
     def renewed(self, theta: Vector, nuisances: Values, /) -> WhitenedRows:
         return replace(whitened_by_residuals(self.problem, theta, nuisances), renewals=self.renewals - 1)

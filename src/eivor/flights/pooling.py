@@ -18,7 +18,15 @@ from eivor.estimation.moments import Instrumental
 from eivor.estimation.pool import Pooled, pooled
 from eivor.estimation.weighting import SpectralWhitening
 from eivor.flights import result as outcome
-from eivor.flights.estimate import FlightState, instruments, known_lag, posed, verdict_inputs, with_fit
+from eivor.flights.estimate import (
+    FlightState,
+    instruments,
+    known_lag,
+    posed,
+    verdict_inputs,
+    with_fit,
+    without_fit,
+)
 from eivor.flights.lag_prior import LAG_SUMS, with_lag_prior
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
@@ -186,8 +194,10 @@ def pooled_result(state: FlightState, alone: Sequence[FlightEstimate]) -> Flight
         return None
     try:
         result = _result(state, members, chosen)
-    except (EstimationError, np.linalg.LinAlgError):
-        return None
+    except (EstimationError, np.linalg.LinAlgError) as error:
+        text = " and ".join(motion.quantities[name].words for name in motion.quantities.of_flight)
+        remedy = "Leave flights out, or identify the pool with --pool-friction common if all have the same."
+        return without_fit(state, f"The pool has no solution with {text} of each flight: {error}", remedy)
     serving = {id(member.logged): member.flight for member in members}
     in_order = tuple(serving.get(id(item), item) for item in prepared if not item.runs or id(item) in serving)
     omitted = [item.recording.name for item in prepared if item.runs and id(item) not in serving]

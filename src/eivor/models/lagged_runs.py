@@ -11,7 +11,16 @@ import numpy as np
 
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.regression import AxisRows, Parameter, Regression, RowLayout, SampleRows, noise_of_surrogate
-from eivor.models.separable import Interpolation, MovedRun, Nuisance, SeparableProblem, Values, WarmStart
+from eivor.models.separable import (
+    Interpolation,
+    ManyValues,
+    MovedRun,
+    Nuisance,
+    SeparableProblem,
+    Values,
+    WarmStart,
+    values_of,
+)
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun, trend
 from eivor.signals.filters import shifted_by
 from eivor.tools import Bool, Complex, Float
@@ -179,24 +188,9 @@ class LagsAndDelays(Interpolation):
         stage = {SECOND_STAGE.name: 0.0}
         return [{ACTUATOR_LAG.name: lag, DELAY.name: delay, **stage} for lag, delay in pairs]
 
-    @cached_property
-    def _of_points(self) -> Float[np.ndarray, "lags delays points"]:
-        """Columns at every lag and delay as sums of those at the points."""
-        # w(t - k) = exp(-h/tau) w(t - k - 1) + (1 - exp(-h/tau)) u(t - k - 1)
-        decay = np.exp(-self.step_s / self._lags_s)
-        sums = np.zeros((self.lags, self.delays, len(self.points)))
-        sums[:, -1, self.delays - 1 :] = np.eye(self.lags)
-        for k in range(self.delays - 2, -1, -1):
-            sums[:, k] = decay[:, None] * sums[:, k + 1]
-            sums[:, k, k] = 1.0 - decay
-        return sums
-
-    def weights(self, points: Sequence[Values]) -> Float[np.ndarray, "points nodes"]:
-        lags, delays = (
-            np.array([point[name] for point in points]) for name in (ACTUATOR_LAG.name, DELAY.name)
-        )
-        stages = np.array([point.get(SECOND_STAGE.name, 0.0) for point in points])
-        steps = delays / self.step_s
+    def weights(self, values: ManyValues) -> Float[np.ndarray, "points nodes"]:
+        lags, steps = values[ACTUATOR_LAG.name], values[DELAY.name] / self.step_s
+        stages = values.get(SECOND_STAGE.name, np.zeros(1))
         if not stages.any():
             return self._of_one_stage(lags, steps)
         apart = np.sqrt(1.0 - 4.0 * stages)
@@ -217,11 +211,12 @@ class LagsAndDelays(Interpolation):
         whole = np.minimum(np.floor(steps + 1e-9).astype(np.int64), self.delays - 2)
         decay = self.step_s / lags
         earlier = np.expm1((np.maximum(steps - whole, 0.0) - 1.0) * decay) / np.expm1(-decay)
-        of_delay = np.zeros((lags.size, self.delays))
-        of_delay[np.arange(lags.size), whole] = earlier
-        of_delay[np.arange(lags.size), whole + 1] = 1.0 - earlier
-        every = of_lag[:, :, None] * of_delay[:, None, :]
-        return every.reshape(lags.size, -1) @ self._of_points.reshape(-1, len(self.points))
+        # w(t - k) = exp(-h/tau) w(t - k - 1) + (1 - exp(-h/tau)) u(t - k - 1)
+        since = np.arange(self.delays)[None] - whole[:, None]
+        kept = np.exp(-np.maximum(since, 0) * decay[:, None])
+        later = np.exp(-np.maximum(since - 1, 0) * decay[:, None])
+        kept = earlier[:, None] * kept * (since >= 0) + (1.0 - earlier)[:, None] * later * (since >= 1)
+        return np.concatenate([-np.expm1(-decay)[:, None] * kept[:, :-1], kept[:, -1:] * of_lag], axis=1)
 
 
 @dataclass(frozen=True)
@@ -232,9 +227,9 @@ class Shifts(Interpolation):
     step_s: float
     none: int  # Place of no delay among them
 
-    def weights(self, points: Sequence[Values]) -> Float[np.ndarray, "points nodes"]:
+    def weights(self, values: ManyValues) -> Float[np.ndarray, "points nodes"]:
         late = partial(shifted_by, np.eye(len(self.points))[:, [self.none]], step_s=self.step_s)
-        return np.stack([late(delay_s=point[DELAY.name])[:, 0] for point in points])
+        return np.stack([late(delay_s=delay_s)[:, 0] for delay_s in values[DELAY.name].tolist()])
 
 
 @dataclass(frozen=True)
@@ -466,7 +461,8 @@ class LaggedRuns(SeparableProblem):
             between = self.interpolation
             if isinstance(between, Shifts) and nuisance_values not in between.points:
                 nodes = zip(*map(self._moving_bins, between.points), strict=True)
-                return [np.tensordot(between.weights([nuisance_values])[0], every, 1) for every in nodes]
+                weights = between.weights(values_of([nuisance_values]))[0]
+                return [np.tensordot(weights, every, 1) for every in nodes]
             moving = zip(self._bin_layout.runs, self._moving(nuisance_values), strict=True)
             result = [run.spectrum(block) for run, block in moving]
             if (len(self._memo) + 1) * sum(block.size for block in result) <= MEMO_NUMBERS:

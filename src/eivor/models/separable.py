@@ -94,8 +94,9 @@ class NoInstruments(InstrumentRule):
 
 Number = TypeVar("Number", float, np.ndarray)
 
-#: The value of every nuisance, by name.
+#: The value of every nuisance, by name; and at many points.
 Values = Mapping[str, float]
+ManyValues = Mapping[str, Float[np.ndarray, " points"]]
 
 #: So many tolerances from an end a search stands at it.
 AT_END = 10.0
@@ -266,8 +267,13 @@ class Interpolation(ABC):
     points: list[dict[str, float]]  # Where columns are made
 
     @abstractmethod
-    def weights(self, points: Sequence[Values]) -> Float[np.ndarray, "points nodes"]:
+    def weights(self, values: ManyValues) -> Float[np.ndarray, "points nodes"]:
         """What the columns at each of `points` count."""
+
+
+def values_of(points: Sequence[Values]) -> ManyValues:
+    """Values at some points, by nuisance."""
+    return {name: np.array([point[name] for point in points]) for name in points[0]}
 
 
 class SeparableProblem(ABC):
