@@ -22,6 +22,7 @@ from eivor.motions.rigid_body import verdict
 from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, effective_parameters
 from eivor.motions.rigid_body.motion import SETTLED_S, RigidBody
 from eivor.motions.rigid_body.regression import (
+    COUPLING,
     DRAG_MOMENT,
     FORCE_Z_EQUATION,
     FROM_HZ,
@@ -30,11 +31,11 @@ from eivor.motions.rigid_body.regression import (
     PITCH_EQUATION,
     REACTION,
     ROLL_EQUATION,
+    STATES,
     TERMS,
     YAW_EQUATION,
-    BodyMotion,
+    body_equation,
     body_velocity,
-    force_by_velocity,
     inferred_velocity,
 )
 from eivor.signals.recording import GRAVITY
@@ -54,10 +55,11 @@ def prepared(flight):
 
 def column_of(parameter, velocity, rates, speeds=(HOVER,) * 4):
     """Column of a parameter for rotors at some speeds."""
-    sums = TRUE.sums @ np.array(speeds)[:, None]
-    velocity, rates = np.array(velocity)[:, None], np.array(rates)[:, None]
-    of = BodyMotion(TRUE, HOVER, sums, sums, rates[0], velocity, rates, np.zeros_like(rates))
-    return next(term for term in TERMS if term.parameter == parameter).column(of)[0]
+    *sums, spin = (TRUE.sums @ np.array(speeds)).tolist()
+    states = zip(STATES, (*(item / HOVER for item in sums), spin), strict=True)
+    moving = zip("uvwpqr", (*velocity, *rates), strict=True)
+    of = {**TRUE.numbers, **dict(states), **dict(moving), "speed": np.linalg.norm(velocity)}
+    return next(term for _, term in TERMS if term.parameter == parameter).expression.evaluate(of)
 
 
 def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
@@ -166,7 +168,6 @@ def test_without_a_force_or_an_attitude_none_is_known():
     still = {name: np.zeros(100) for name in ("angular_rate_x", "velocity_x", "velocity_y", "velocity_z")}
     blind = Signals(rate_hz=100.0, channels=still)
     assert inferred_velocity(blind, [slice(0, 100)]) is None
-    assert force_by_velocity(blind) is None
     assert body_velocity(blind) is None
 
 
@@ -197,8 +198,8 @@ def free(problem):
 def test_columns_are_sums_of_those_that_they_replace(problem):
     ratios = (1.7, 1.5)
     linked = verdict.with_common_rotor_inertia(problem, ratios)
-    assert verdict.rotor_inertia_ratios(problem) is None
-    assert verdict.rotor_inertia_ratios(linked) == ratios
+    made = [body_equation(item.columns[0]).rotors.inertia_ratios for item in (problem, linked)]
+    assert made == [None, ratios]
     assert not set(GYROSCOPIC_MOMENT) & set(linked.parameters)
     names = [parameter.name for parameter in problem.parameters]
     kept = [index for index, parameter in enumerate(problem.parameters) if parameter not in GYROSCOPIC_MOMENT]
@@ -215,7 +216,7 @@ def test_columns_are_sums_of_those_that_they_replace(problem):
 @pytest.mark.usefixtures("coarse_search")
 def test_a_flight_that_couples_tells_one_inertia_within_its_interval(spun, free):
     flight = identify_flight(spun.recording, model=BODY, method=METHOD.name)
-    assert verdict.rotor_inertia_ratios(flight.fit.problem) is not None
+    assert body_equation(flight.fit.problem.columns[0]).rotors.inertia_ratios is not None
     for item, inertia in zip((*GYROSCOPIC_MOMENT, REACTION), (FIRST, SECOND, THIRD), strict=True):
         low, high = flight.quantities[item.name].interval
         assert low <= ONE_INERTIA / inertia <= high
@@ -231,7 +232,7 @@ def test_a_flight_that_couples_tells_one_inertia_within_its_interval(spun, free)
 @pytest.mark.thorough
 def test_couplings_that_are_not_told_leave_three_columns(problem, free):
     assert verdict.identified_ratios(free) is not None
-    hardly = np.where(np.arange(problem.columns[0].fixed.shape[1]) < 3, 1e-9, 1.0)  # products of rates
+    hardly = [1e-9 if item in COUPLING else 1.0 for item in problem.parameters[: problem.still]]
     columns = tuple(replace(item, fixed=item.fixed * hardly) for item in problem.columns)
     blind = replace(problem, columns=columns)
     assert verdict.identified_ratios(identify(blind, METHOD)) is None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -23,12 +22,11 @@ from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.models.separable import LaggedReferences, NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body import regression, verdict
-from eivor.motions.rigid_body.motion import FULL_BAND_HZ, in_full_band
+from eivor.motions.rigid_body.motion import FULL_BAND_HZ, RigidBody, in_full_band
 from eivor.motions.rigid_body.vehicle import KnownNumber, vehicle_from_record
 from eivor.report.saved_fit import SavedFit, load_fit
 from eivor.report.terminal import on_terminal
 from eivor.report.validation import validation_document
-from eivor.signals.filters import low_passed
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Recording
 from eivor.simulation.controller import Sensor
@@ -258,18 +256,18 @@ def test_what_is_more_than_a_delay_is_left():
     assert amplitude == pytest.approx(1.0 / np.sqrt(1.0 + (20.0 / ONBOARD_CUTOFF_HZ) ** 4), rel=0.01)
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
 def test_columns_of_filtered_rates_do_not_pass_the_filter_twice():
-    taken = {"step_s": STEP_S, "cutoff_hz": ONBOARD_CUTOFF_HZ, "taken_s": 0.0}
-    sensor = partial(regression.filtered, **taken)
-    late = low_passed(sine(5.0)[:, None], step_s=STEP_S, cutoff_hz=ONBOARD_CUTOFF_HZ)[:, 0]
-    terms = {term.parameter: replace(term, formula=lambda of, _: of) for term in regression.TERMS}
-    axis = regression.PITCH_EQUATION
-    for parameter in (regression.GAIN[axis], regression.OFFSET[axis], regression.DRAG[2]):
-        np.testing.assert_allclose(regression.as_logged(terms[parameter], sine(5.0), sensor), late)
-    damping = regression.as_logged(terms[regression.DAMPING[axis]], sine(5.0), sensor)
-    np.testing.assert_allclose(damping, regression.mean_over_step(sine(5.0)))
-    np.testing.assert_allclose(regression.as_logged(terms[regression.THRUST], sine(5.0), None), sine(5.0))
+    flight, at = prepared(body_flown(duration=5.0, seed=2).recording), {"actuator_lag": 0.05, "delay": 0.0}
+    cutoffs = dict.fromkeys(("gyro_cutoff_hz", "accelerometer_cutoff_hz"), ONBOARD_CUTOFF_HZ)
+    vehicles = BODY.vehicle, replace(BODY.vehicle, **cutoffs)
+    plain, slow = (RigidBody(item).problem((flight,), NoInstruments()).columns for item in vehicles)
+    for axis in (regression.PITCH_EQUATION, regression.FORCE_Z_EQUATION):
+        terms = [term for term in regression.body_equation(plain[axis]).terms if term.behind]
+        columns, others = plain[axis].moving(at).T, slow[axis].moving(at).T
+        for term, column, other in zip(terms, columns, others, strict=True):
+            passes = axis == regression.FORCE_Z_EQUATION or regression.drives(term.of)
+            late = regression.filtered(column, flight.signals.step_s, ONBOARD_CUTOFF_HZ, 0.0)
+            np.testing.assert_allclose(other, late if passes else column)
 
 
 def test_rows_of_turning_reach_up_and_those_of_forces_stay():

@@ -100,28 +100,34 @@ class AxisEquation:
     mirrors: tuple[Mirror, ...] = ()
     instruments_of: tuple[str, ...] = ()  # Expressions over references, in place of these
     averaged: tuple[str, ...] = ()  # Inputs that hold: what acts around a sample is the mean of two
-    linear: bool = True  # Whether `acting` is linear in what is logged
+    linear: bool = True  # Whether `states` are linear in what is logged
 
     def columns(
-        self, signals: Signals, texts: Sequence[str], delay_s: float = 0.0
+        self,
+        signals: Signals,
+        texts: Sequence[str],
+        states: Mapping[str, np.ndarray] | None = None,
+        delay_s: float = 0.0,
     ) -> Float[np.ndarray, "n k"]:
-        """Columns of expressions, in which inputs do not lag, but may be late."""
-        held = {}
-        for name in self.averaged:
-            late = shifted_by(signals.channel(name)[:, None], step_s=signals.step_s, delay_s=delay_s)
-            held[name] = _around_samples(late[:, 0])
-        columns = [evaluated(parsed(text), signals, held) for text in texts]
+        """Columns of expressions, in which inputs are states, or do not lag, but may be late."""
+        if states is None:
+            states = {}
+            for name in self.averaged:
+                late = shifted_by(signals.channel(name)[:, None], step_s=signals.step_s, delay_s=delay_s)
+                states[name] = _around_samples(late[:, 0])
+        columns = [evaluated(parsed(text), signals, states) for text in texts]
         return np.array(columns).reshape(-1, signals.sample_count).T
 
     def family(self, signals: Signals, name: str) -> Float[np.ndarray, "n m"]:
         """What is logged of an input."""
         return signals.family(name)
 
-    def acting(
-        self, logged: Float[np.ndarray, "n m"], signals: Signals, path: Mapping[str, float]
-    ) -> Float[np.ndarray, " n"]:
-        """What that makes behind the actuators: a mean of the family."""
-        return mean_of(actuator_state(logged, step_s=signals.step_s, **path))
+    def states(
+        self, logged: Mapping[str, Float[np.ndarray, "n m"]], signals: Signals, path: Mapping[str, float]
+    ) -> Mapping[str, Float[np.ndarray, " n"]]:
+        """What that makes behind the actuators: means of the families."""
+        pairs = logged.items()
+        return {name: mean_of(actuator_state(of, step_s=signals.step_s, **path)) for name, of in pairs}
 
     @property
     def is_forced(self) -> bool:
@@ -137,7 +143,7 @@ class AxisEquation:
         """Columns of the steady terms where held inputs come later than they are logged, by a delay."""
         texts, step_s = [term.of for term in self.terms if self.is_late(term)], signals.step_s
         if not self.is_forced:
-            return lambda at: self.columns(signals, texts, at[DELAY.name])
+            return lambda at: self.columns(signals, texts, delay_s=at[DELAY.name])
         early = self.columns(signals, texts)
         return lambda at: shifted_by(early, step_s=step_s, delay_s=-at[DELAY.name])
 
@@ -171,10 +177,8 @@ class Driven:
     signals: Signals
 
     def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
-        axis, signals, path = self.axis, self.signals, actuators(nuisance_values)
-        states = {name: axis.acting(logged, signals, path) for name, logged in self._logged.items()}
-        columns = [evaluated(term.expression, signals, states) for term in axis.terms if term.behind]
-        return np.array(columns).reshape(-1, signals.sample_count).T
+        states = self.axis.states(self._logged, self.signals, actuators(nuisance_values))
+        return self.axis.columns(self.signals, [t.of for t in self.axis.terms if t.behind], states)
 
     @cached_property
     def _logged(self) -> dict[str, Float[np.ndarray, "n m"]]:
@@ -247,8 +251,8 @@ class DeclaredMotion(motion.Motion[R]):
     grids: tuple[Sequence[float] | Float[np.ndarray, " _"], ...] = ()
     """Lags and delays to search [s]; those of `lag_and_delay` where there are none."""
 
-    def axes_of(self, flights: motion.Flights) -> Mapping[int, AxisEquation]:
-        """Equations of flights, by number."""
+    def axes_of(self, flights: motion.Flights, _flight: PreparedFlight) -> Mapping[int, AxisEquation]:
+        """Equations of one of several flights, by number."""
         return {self.axes.index(axis): axis for axis in logged_axes(self.axes, flights)}
 
     def signals(self, flight: PreparedFlight, axis: AxisEquation) -> Signals:
@@ -260,8 +264,8 @@ class DeclaredMotion(motion.Motion[R]):
 
     def lagged_runs(self, flights: motion.Flights, rule: InstrumentRule) -> LaggedRuns:
         """Regressions of the equations for each lag and delay."""
-        by_number = self.axes_of(flights)
-        logged = tuple(by_number.values())
+        by_flight = [self.axes_of(flights, flight) for flight in flights]
+        logged = tuple(by_flight[0].values())
         steady = tuple(term.parameter for axis in logged for term in axis.terms if term.is_steady)
         behind = tuple(term.parameter for axis in logged for term in axis.terms if term.behind)
         slack_s = max(flight.command_slack_s for flight in flights)
@@ -269,8 +273,8 @@ class DeclaredMotion(motion.Motion[R]):
         delayed = tuple(t.parameter for axis in logged for t in axis.terms if axis.is_late(t))
         fixed, moving = (tuple(p for p in steady if p not in delayed), delayed) if late else (steady, behind)
         columns = []
-        for number, flight in enumerate(flights):
-            for index, axis in by_number.items():
+        for number, (flight, axes) in enumerate(zip(flights, by_flight, strict=True)):
+            for index, axis in axes.items():
                 signals = self.signals(flight, axis)
                 known = [text for text in axis.response if {*parsed(text).columns} <= {*signals.channels}]
                 moves = [term for term in axis.terms if (axis.is_late(term) if late else term.behind)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from typing import cast
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from eivor.flights.timestamps import with_corrected_stamps
 from eivor.inference.distributions import normal_quantile
 from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
-from eivor.motions.equation import simple_models
+from eivor.motions.equation import AxisEquation, DeclaredMotion, simple_models
 from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, excitation, rate_panel, refuse_degrees
 from eivor.motions.rigid_body import regression, verdict
 from eivor.motions.rigid_body.compatibility import comparisons, in_still_air, with_one_clock
@@ -34,7 +35,6 @@ from eivor.motions.rigid_body.predict import rigid_body_prediction
 from eivor.motions.rigid_body.regression import (
     AT_HOVER,
     BAND_SHARE,
-    DRIVING,
     FORCE_X_EQUATION,
     TABLES,
     noisier,
@@ -42,6 +42,7 @@ from eivor.motions.rigid_body.regression import (
 from eivor.motions.rigid_body.vehicle import KnownVehicle, load_vehicle, shipped_vehicles, vehicle_from_record
 from eivor.motions.vertical.select import TABLES as HEIGHT
 from eivor.signals.recording import Channel, Finding, Recording
+from eivor.signals.signals import Signals
 from eivor.tools import Float
 
 # -- Attitude order --
@@ -182,7 +183,7 @@ def _refuse_no_differences(commands: tuple[Channel, ...], vehicle: KnownVehicle,
     values = values[:, np.isfinite(values).all(axis=0)]
     if not values.shape[1] or not (values.max() > values.min()):
         return  # nothing varies at all, which is reported about every motion
-    arms = zip(AXES, (vehicle.roll, vehicle.pitch, vehicle.yaw), strict=True)
+    arms = zip(AXES, vehicle.arms[1:], strict=True)
     differences = {axis.name: np.ptp(arm / np.abs(arm).sum() @ values) for axis, arm in arms}
     least = NO_DIFFERENCE * np.abs(values).max()
     still = [name for name, difference in differences.items() if difference <= least]
@@ -230,13 +231,12 @@ def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Quant
     linear, quadratic = regression.DRAG[2].name, regression.QUADRATIC_DRAG[2].name
     if not {linear, quadratic} <= set(estimate.parameters):
         return {}
-    parts = [np.zeros((3, 0))]
+    parts = [np.zeros((0, 3))]
     for column in problem.columns:
-        if column.axis == regression.FORCE_Z_EQUATION and isinstance(column.moving, regression.RotorColumns):
-            for run in column.runs:
-                inside, of_run = column.counted(run), column.moving.states.velocity[:, run]
-                parts.append(of_run if inside is None else of_run[:, inside])
-    velocity = np.concatenate(parts, axis=1)
+        if column.axis == regression.FORCE_Z_EQUATION:
+            signals = regression.body_equation(column).rotors.signals
+            parts += column.cut(np.column_stack([signals.channel(name) for name in regression.MOVED]))
+    velocity = np.concatenate(parts).T
     squared = velocity[2] ** 2
     if not squared.sum() > 0.0:
         return {}
@@ -309,11 +309,10 @@ def refined_structure(
         nuisances = tuple(replace(item, grid=grid) for item, grid in zip(nuisances, grids, strict=True))
     else:
         nuisances = problem.nuisances
-    still, at = problem.still, {item.name: values[item.name] for item in nuisances}
-    parameters = (*problem.parameters[:still], *chosen, *problem.parameters[still:])
-    start = WarmStart(np.array([values[item.name] for item in parameters]), at)
-    changes = {"nuisances": nuisances, "warm_start": start}
-    made = verdict.with_products(problem, estimate.parameters, chosen, **changes)
+    made = verdict.with_products(problem, estimate.parameters, chosen, nuisances=nuisances)
+    theta = np.array([values[item.name] for item in made.parameters])
+    start = WarmStart(theta, {item.name: values[item.name] for item in nuisances})
+    made = replace(made, warm_start=start)
     try:
         return made, estimated(made), left_out
     except (DataError, EstimationError):
@@ -331,9 +330,9 @@ def in_full_band(problem: LaggedRuns) -> LaggedRuns:
 
 
 def _whole(axis_columns: AxisColumns) -> AxisColumns:
-    if axis_columns.axis >= FORCE_X_EQUATION or not isinstance(axis_columns.moving, regression.RotorColumns):
+    if axis_columns.axis >= FORCE_X_EQUATION:
         return axis_columns
-    flight, (low, high) = axis_columns.moving.states.flight, axis_columns.band_hz
+    flight, (low, high) = regression.body_equation(axis_columns).rotors.flight, axis_columns.band_hz
     reaches = BAND_SHARE * min(flight.rates_hz[name] for name in (AXES[axis_columns.axis].name, "command"))
     return replace(axis_columns, band_hz=(low, max(high, min(FULL_BAND_HZ, reaches))))
 
@@ -365,12 +364,13 @@ def refined(
 
 
 @dataclass(frozen=True)
-class RigidBody(motion.Motion[LaggedRuns]):
+class RigidBody(DeclaredMotion[LaggedRuns]):
     """Turning about three axes and the force along them, behind the lag of the rotors."""
 
     vehicle: KnownVehicle | None = None
 
     name = "rigid-body"
+    axes = regression.EQUATIONS
     words = TABLES.words
     equation = TABLES.equation
     quantities = regression.QUANTITIES
@@ -415,14 +415,24 @@ class RigidBody(motion.Motion[LaggedRuns]):
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         return selected(log, options, self.known_vehicle)
 
+    def axes_of(self, flights: motion.Flights, flight: PreparedFlight) -> Mapping[int, AxisEquation]:
+        return regression.equations_of(flights, flight, self.known_vehicle)
+
+    def signals(self, _flight: PreparedFlight, axis: AxisEquation) -> Signals:
+        return cast("regression.BodyEquation", axis).rotors.signals
+
+    def lagged_runs(self, flights: motion.Flights, rule: InstrumentRule) -> LaggedRuns:
+        nuisances = regression.lag_and_delay(flights, self.known_vehicle.delay)
+        problem = super().lagged_runs(flights, rule)
+        columns = (replace(c, band_hz=regression.body_equation(c).band_hz) for c in problem.columns)
+        return replace(problem, columns=tuple(columns), nuisances=nuisances)
+
     def problem(self, flights: motion.Flights, rule: InstrumentRule) -> LaggedRuns:
-        problem = regression.rigid_body_problem(flights, self.known_vehicle, rule)
+        problem = self.lagged_runs(flights, rule)
         if not all(map(regression.noises_known, flights)):
             return problem
         surrogates = tuple(map(noisier, flights))
-        return replace(
-            problem, noisier=regression.rigid_body_problem(surrogates, self.known_vehicle, NoInstruments())
-        )
+        return replace(problem, noisier=self.lagged_runs(surrogates, NoInstruments()))
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         joint, (ratio, by_joint) = joint_quantities(estimate), verdict.hover_over_usual(problem, estimate)
@@ -467,22 +477,21 @@ class RigidBody(motion.Motion[LaggedRuns]):
             return verdict.RigidBodyChecks(order, filter_early_s=early_s)
         wind = verdict.steady_wind(problem, estimate.nuisances, flights)
         lags = verdict.lag_consistency_test(estimate)
-        by_wind = verdict.half_widths_by_wind(problem, estimate, flights, self.known_vehicle)
+        made_of = partial(self.lagged_runs, rule=NoInstruments())
+        by_wind = verdict.half_widths_by_wind(problem, estimate, flights, made_of)
         shifts = verdict.possible_shifts(estimate, lags)
         refined = estimate.unrefined is not None
         return verdict.RigidBodyChecks(None, wind, lags, early_s, by_wind, shifts, refined)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
-        driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]
+        drives = {term.parameter for _, term in regression.TERMS if regression.drives(term.of)}
+        driving = [number for number, parameter in enumerate(problem.parameters) if parameter in drives]
         results = []
         for axis in problem.axes:
             series = problem.series_in_band(estimate.nuisances, axis, estimate.theta, driving)
-            words, unit = f"{(*regression.TURNING, '', '', '')[axis]} acceleration", "rad/s²"
-            if axis >= FORCE_X_EQUATION:
-                words, unit = f"specific force along {regression.ALONG[axis - FORCE_X_EQUATION]}", "m/s²"
             measured, predicted, driven = series.T
-            band_hz = problem.band_hz(axis)
-            results.append(Trace(words, unit, "model", "rotors", measured, predicted, driven, band_hz))
+            trace = *self.axes[axis].trace, measured, predicted, driven
+            results.append(Trace(*trace, problem.band_hz(axis)))
         return tuple(results)
 
     def view(self, flight: PreparedFlight) -> motion.FlightView:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -25,7 +24,7 @@ from eivor.motions.rigid_body.regression import (
     OFFSET,
     QUADRATIC_DRAG,
     THRUST,
-    RotorColumns,
+    body_equation,
 )
 from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
@@ -246,8 +245,8 @@ def minimised(start: Structure, *, tolerance: float = TOLERANCE) -> Minimum:
 
 def flight_windows(problem: LaggedRuns, flights: Flights) -> tuple[Windows, ...]:
     """Windows of every flight."""
-    states = cast("RotorColumns", problem.columns[0].moving).states
-    vehicle, usual = states.vehicle, states.usual
+    rotors = body_equation(problem.columns[0]).rotors
+    vehicle, usual = rotors.vehicle, rotors.usual
     made = tuple(
         Windows(LoggedState(flight), vehicle, starts_of(flight, LOOKED_AT_S, BETWEEN_WINDOWS_S), usual)
         for flight in flights

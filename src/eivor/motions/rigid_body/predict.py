@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,11 +15,11 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
 from eivor.models.lagged_runs import actuators
 from eivor.models.separable import Values
-from eivor.motions.equation import STAYS
+from eivor.motions.equation import STAYS, Term, parsed
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import dynamics, regression
 from eivor.motions.rigid_body.dynamics import into_body
-from eivor.motions.rigid_body.regression import DRAG, GAIN, PAIRS, PRODUCT, TERMS, THRUST, BodyMotion
+from eivor.motions.rigid_body.regression import DRAG, GAIN, PAIRS, PRODUCT, TERMS, THRUST, States, drives
 from eivor.motions.rigid_body.vehicle import KnownVehicle, inertia_shares
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.filters import time_derivative
@@ -105,13 +105,11 @@ class StatePropagator:
     ) -> Float[np.ndarray, "13 states"]:
         """Rate of change of the states of each model at samples, driven by what the rotors do there."""
         rows = dynamics.rotation(*body[6:10])
-        states = self._states[:, self._timing[:, None], now].reshape(7, -1)
+        states = self._states[:, self._timing[:, None], now].reshape(len(regression.STATES), -1)
         force = self._forces[:, :, now].reshape(6, -1)
-        rotors = states, states, states[6]  # of what answers neither thrust nor spin-up counts
-        velocity, rates = self._velocity(body, rows), body[10:13]
-        of = BodyMotion(self.vehicle, self._usual, *rotors, velocity, rates, np.zeros_like(rates))
-        for term, values in self._answering:
-            force[term.equation] += values * term.column(of)
+        of = {**dict(zip(regression.STATES, states, strict=True)), **self._moving(body, rows)}
+        for axis, term, values in self._answering:
+            force[axis] += values * term.expression.evaluate(of)
         if self._coupled is not None:
             force[:3] = self._coupled(of, force[:3])
         change = np.zeros_like(body[3:6])
@@ -128,8 +126,11 @@ class StatePropagator:
         states = self.starts.propagate(initial_states.reshape(dynamics.BODY, -1), self)
         return states.reshape(*states.shape[:2], len(self.models), -1).transpose(2, 0, 1, 3)
 
-    def _velocity(self, body: Float[np.ndarray, "13 n"], rows: dynamics.Rows) -> Float[np.ndarray, "3 n"]:
-        return np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
+    def _moving(self, body: Float[np.ndarray, "13 n"], rows: dynamics.Rows) -> dict[str, np.ndarray]:
+        """What terms are over beside rotors."""
+        velocity = np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
+        moved = zip((*regression.MOVED, *regression.RATES), (*velocity, *body[10:13]), strict=True)
+        return {**self.vehicle.numbers, **dict(moved), "speed": np.linalg.norm(velocity, axis=0)}
 
     @cached_property
     def _usual(self) -> float:
@@ -139,19 +140,20 @@ class StatePropagator:
         return regression.hover_state(flight, self.vehicle, thrust) or regression.usual_state((flight,))
 
     @cached_property
-    def _terms(self) -> list[tuple[regression.RigidTerm, Float[np.ndarray, " models"]]]:
-        """Terms that some model has, with their values in each."""
-        made = [(term, [item.get(term.parameter.name, 0.0) for item in self.models]) for term in TERMS]
-        return [(term, np.array(values, dtype=np.float64)) for term, values in made if any(values)]
+    def _terms(self) -> list[tuple[int, Term, Float[np.ndarray, " models"]]]:
+        """Terms that some model has, by the number of the equation, with their values in each."""
+        made = [(*item, [values.get(item[1].name, 0.0) for values in self.models]) for item in TERMS]
+        return [(number, term, np.array(values)) for number, term, values in made if any(values)]
 
     @cached_property
-    def _answering(self) -> list[tuple[regression.RigidTerm, Float[np.ndarray, " states"]]]:
+    def _answering(self) -> list[tuple[int, Term, Float[np.ndarray, " states"]]]:
         """Terms that answer the state, with their values for every start of every model."""
         count = self.starts.samples.size
-        return [(term, np.repeat(values, count)) for term, values in self._terms if not term.driving]
+        made = [(number, term, np.repeat(values, count)) for number, term, values in self._terms]
+        return [item for item in made if not drives(item[1].of)]
 
     @cached_property
-    def _coupled(self) -> Callable[[BodyMotion, np.ndarray], np.ndarray] | None:
+    def _coupled(self) -> Callable[[States, np.ndarray], np.ndarray] | None:
         """What turning is where axes are coupled by products of inertia; None of models without."""
         products = np.array([[item.get(entry.name, 0.0) for item in self.models] for entry in PRODUCT])
         if not products.any():
@@ -163,10 +165,11 @@ class StatePropagator:
         coupling, of_starts = np.linalg.inv(inverse), np.repeat(products, count, axis=1)
         scaled = np.repeat(shares.T, count, axis=1)
 
-        def turning(of: BodyMotion, force: Float[np.ndarray, "3 states"]) -> Float[np.ndarray, "3 states"]:
-            for axis in range(3):
-                left = sum(of_starts[pair] * of.by_product(axis, pair) for pair in range(len(PAIRS)))
-                force[axis] += scaled[axis] * left
+        def turning(of: States, force: Float[np.ndarray, "3 states"]) -> Float[np.ndarray, "3 states"]:
+            still = {**of, **dict.fromkeys(regression.TURNED, np.zeros(1))}
+            for axis, texts in enumerate(regression.BY_PRODUCT):
+                pairs = zip(of_starts, texts, strict=True)
+                force[axis] += scaled[axis] * sum(item * parsed(of).evaluate(still) for item, of in pairs)
             split = force.reshape(3, len(coupling), count)
             return np.einsum("mij,jms->ims", coupling, split).reshape(force.shape)
 
@@ -181,14 +184,16 @@ class StatePropagator:
         return np.array([self._nodes.index(tuple(actuators(item).values())) for item in self.models])
 
     @cached_property
-    def _rotors(self) -> list[tuple[BodyMotion, BodyMotion]]:
+    def _rotors(self) -> list[tuple[States, States]]:
         """At samples, and with means over steps of what drives."""
-        states = regression.RotorStates(self.logged.flight, self.vehicle, self._usual)
+        flight = self.logged.flight
+        states = regression.RotorStates(flight, self.vehicle, self._usual, flight.signals)
         return [states.at(*path) for path in self._nodes]
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 pairs n"]:
-        return np.stack([self.starts.over_step(item.state) for item, _ in self._rotors], axis=1)
+        sums = [np.stack([item[name] for name in regression.STATES]) for item, _ in self._rotors]
+        return np.stack([self.starts.over_step(item) for item in sums], axis=1)
 
     @cached_property
     def _forces(self) -> Float[np.ndarray, "6 models n"]:
@@ -201,21 +206,20 @@ class StatePropagator:
         trims = [motion.trim(flight, axis) for axis in change]
         results = np.zeros((6, len(self.models), body.shape[1]))
         results[: len(trims)] = np.array(trims)[:, None]
-        velocity = self._velocity(body, rows)
+        moving = self._moving(body, rows)
         for node, pair in enumerate(self._rotors):
             models = np.flatnonzero(self._timing == node)
-            of = [replace(item, velocity=velocity, rates=body[10:13]) for item in pair]
-            for term, of_models in self._terms:
-                values = of_models[models, None]
-                if values.any() and term.equation < len(trims):
-                    column = term.column(of[term.driving])
-                    driven = self.starts.over_steps(column) if term.driving else 0.0
-                    results[term.equation, models] += values * (driven - motion.trim(flight, column))
+            for number, term, of_models in self._terms:
+                values, by_rotors = of_models[models, None], drives(term.of)
+                if values.any() and number < len(trims):
+                    column = term.expression.evaluate({**moving, **pair[by_rotors]})
+                    driven = self.starts.over_steps(column) if by_rotors else 0.0
+                    results[number, models] += values * (driven - motion.trim(flight, column))
         return results
 
 
 #: Terms without which a prediction is a little worse; one that the fit refuses counts as zero.
-SMALL = tuple(term.parameter for term in TERMS if term.parameter not in (*GAIN, regression.REACTION, THRUST))
+SMALL = {term.name for _, term in TERMS} - {item.name for item in (*GAIN, regression.REACTION, THRUST)}
 #: Drag by whose verdict the quadratic one of its axis goes: the two are identified well together, or neither.
 WITH_DRAG = {item.name: drag.name for item, drag in zip(regression.QUADRATIC_DRAG, DRAG, strict=True)}
 #: What is predicted: its parts of the state, and its unit.
@@ -265,7 +269,7 @@ def rigid_body_prediction(
     turns = tuple(item.name in identified for item in GAIN)
     placed = [axis for axis in range(3) if all(axis in item.placed for item in logged)]
     omitted = why_omitted(identified, logged, placed)
-    zeros = [item.name for item in SMALL if WITH_DRAG.get(item.name, item.name) in refused]
+    zeros = [name for name in regression.QUANTITIES if name in SMALL and WITH_DRAG.get(name, name) in refused]
     made[0] = {name: value for name, value in values.items() if name not in zeros}
 
     def errors(number: int, starts: motion.Starts) -> Iterator[motion.HorizonErrors]:

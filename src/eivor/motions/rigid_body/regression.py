@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from operator import itemgetter
+from itertools import product
+from typing import Any, cast
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from eivor.flights.quantity import QuantityTable
 from eivor.models import lagged_runs, separable
 from eivor.models.regression import Parameter
 from eivor.models.signal_regression import cross_fitted
+from eivor.motions.equation import AxisEquation, Driven, Term, evaluated, parsed
 from eivor.motions.rates.motion import AXES, PITCH, ROLL
 from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Rows, felt, into_body, rotation
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
@@ -72,133 +74,107 @@ PRODUCT = _parameters("product_{}", "xy", "xz", "yz")
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
-@dataclass(frozen=True)
-class BodyMotion:
-    """Rotors, velocity through the air and rates on the body's axes, at samples or starts."""
-
-    vehicle: KnownVehicle
-    usual: float  # State of a rotor at hover, nearly, for which damping and drag are
-    state: Float[np.ndarray, "7 n"]  # Sums over the rotors, see `KnownVehicle.sums`
-    thrust: Float[np.ndarray, "7 n"]
-    spin_up: Series  # Derivative in time of the states with their spins
-    velocity: Float[np.ndarray, "3 n"]
-    rates: Float[np.ndarray, "3 n"]
-    turning: Float[np.ndarray, "3 n"]  # Derivative of the rates in time
-
-    def by_product(self, axis: int, pair: int) -> Series:
-        """What an element of the inertia matrix off its diagonal leaves of an axis' turning."""
-        (i, j), (after, last) = PAIRS[pair], ((axis + 1) % 3, (axis + 2) % 3)
-        momentum, change = np.zeros_like(self.rates), np.zeros_like(self.rates)
-        momentum[[i, j]], change[[i, j]] = self.rates[[j, i]], self.turning[[j, i]]
-        return momentum[after] * self.rates[last] - momentum[last] * self.rates[after] - change[axis]
-
-    @cached_property
-    def shares(self) -> Float[np.ndarray, "7 n"]:
-        """States over the usual one."""
-        return self.state / self.usual
-
-    def dragged(self, axis: int) -> Series:
-        """Sum over the rotors of usual states times the velocity at each: along an axis, or about one."""
-        total, x, y, xx, xy, yy, _ = self.shares
-        (u, v, w), (p, q, r) = self.velocity, self.rates
-        if axis == ROLL_EQUATION:
-            return w * y + p * yy - q * xy
-        if axis == PITCH_EQUATION:
-            return q * xx - p * xy - w * x
-        if axis == YAW_EQUATION:
-            return v * x - u * y + r * (xx + yy)
-        if axis == FORCE_Z_EQUATION:
-            return w * total + p * y - q * x
-        return u * total - r * y if axis == FORCE_X_EQUATION else v * total + r * x
-
-    @cached_property
-    def across(self) -> Float[np.ndarray, "rotors n"]:
-        """Square of the velocity across each rotor [(m/s)^2]."""
-        x, y, yaw_rate = -self.vehicle.pitch, self.vehicle.roll, self.rates[2]
-        forward, left = self.velocity[0] - np.outer(y, yaw_rate), self.velocity[1] + np.outer(x, yaw_rate)
-        return forward**2 + left**2
-
-    def gyroscopic(self, axis: int) -> Series:
-        """What rotors that spin turn about x or y, but for their inertia over the body's."""
-        spin, (p, q, _) = self.state[6], self.rates
-        return q * spin if axis == ROLL_EQUATION else -p * spin
-
-
-@dataclass(frozen=True)
-class RigidTerm:
-    """A parameter times a column, in one equation."""
-
-    parameter: Parameter
-    equation: int
-    index: int  # Among the terms of its kind
-    formula: Callable[[BodyMotion, int], Series]
-    moves: bool = True  # With lag and delay
-    driving: bool = False  # What the rotors do by themselves
-    by_velocity: bool = False  # Only where the velocity on the body's axes is known
-
-    def column(self, of: BodyMotion) -> Series:
-        return self.formula(of, self.index)
-
-
-def _terms(
-    parameters: Iterable[Parameter],
-    equations: Iterable[int],
-    formula: Callable[[BodyMotion, int], Series],
-    **kind: bool,
-) -> Iterator[RigidTerm]:
-    """Terms of one kind."""
-    for index, (parameter, equation) in enumerate(zip(parameters, equations, strict=True)):
-        yield RigidTerm(parameter, equation, index, formula, **kind)
-
-
-def _rolled(of: BodyMotion) -> tuple[Series, ...]:
-    """Thrusts with the arms by which they turn about each axis."""
-    return of.thrust[2], -of.thrust[1], of.thrust[6]
-
-
-def _damped(of: BodyMotion, axis: int) -> Series:
-    _, _, _, xx, _, yy, _ = of.vehicle.sums.sum(axis=1).tolist()
-    return -of.dragged(axis) / (yy, xx, xx + yy)[axis]
-
-
-_TILTING, _AXES, _FORCES = range(2), range(3), range(3, 6)
-#: Terms of all equations, those first that no lag moves.
-TERMS = (
-    *_terms(
-        COUPLING, _AXES, lambda of, axis: of.rates[(axis + 1) % 3] * of.rates[(axis + 2) % 3], moves=False
-    ),
-    *_terms(
-        QUADRATIC_DRAG,
-        _FORCES,
-        lambda of, along: -np.linalg.norm(of.velocity, axis=0) * of.velocity[along],
-        moves=False,
-        by_velocity=True,
-    ),
-    *_terms(
-        LIFT_MOMENT,
-        _TILTING,
-        lambda of, axis: (of.vehicle.roll, of.vehicle.pitch)[axis] @ of.across,
-        moves=False,
-        by_velocity=True,
-    ),
-    *_terms(GAIN, _AXES, lambda of, axis: _rolled(of)[axis], driving=True),
-    *_terms(DAMPING, _AXES, _damped),
-    *_terms(OFFSET, _TILTING, lambda of, _: of.thrust[0], driving=True),
-    *_terms([REACTION], [2], lambda of, _: of.spin_up, driving=True),
-    *_terms(GYROSCOPIC_MOMENT, _TILTING, BodyMotion.gyroscopic),
-    *_terms(
-        ALL_DRAG_MOMENTS,
-        (0, 0, 1, 1, 2, 2),
-        lambda of, index: (
-            of.dragged(FORCE_X_EQUATION + ALONG_OTHERS[index // 2][index % 2]) / of.vehicle.count
-        ),
-        by_velocity=True,
-    ),
-    *_terms([THRUST], [5], lambda of, _: of.thrust[0], driving=True),
-    *_terms(DRAG, _FORCES, lambda of, along: -of.dragged(FORCE_X_EQUATION + along) / of.vehicle.count),
-    *_terms([LIFT], [5], lambda of, _: of.across.mean(axis=0), by_velocity=True),
+#: What terms are over: rates of the body, their derivatives, and its velocity through the air, on its axes.
+RATES, TURNED, MOVED, SPEED = ("p", "q", "r"), ("dp", "dq", "dr"), ("u", "v", "w"), "speed"
+#: Sums of thrusts, as they lift and as they turn about each axis, and the derivative of the spin.
+THRUSTS, SPIN_UP = ("thrust", "thrust_roll", "thrust_pitch", "thrust_yaw"), "spin_up"
+#: Sums of rotors' states over that at hover, by powers of their places; and of states with their spins.
+STATES = ("n", "n_x", "n_y", "n_xx", "n_xy", "n_yy", "spin")
+#: Izz over Ixx and Iyy, where flights identify that rotors have one inertia.
+RATIOS = ("izz_over_ixx", "izz_over_iyy")
+#: Sums over the rotors of states, in those at hover, times the velocity at each along an axis.
+DRAGGED = ("(u * n - r * n_y)", "(v * n + r * n_x)", "(w * n + p * n_y - q * n_x)")
+#: Sums of arms about x and y times the squared velocity across each rotor.
+LIFTED = (
+    "y * (u * u + v * v) + 2 * r * (v * xy - u * yy) + r * r * (xxy + yyy)",
+    "-(x * (u * u + v * v) + 2 * r * (v * xx - u * xy) + r * r * (xxx + xyy))",
 )
-DRIVING = tuple(term.parameter for term in TERMS if term.driving)
+#: What elements of the inertia matrix off its diagonal leave of the turning about each axis.
+BY_PRODUCT = (
+    ("p * r - dq", "-p * q - dr", "r * r - q * q"),
+    ("-q * r - dp", "p * p - r * r", "p * q - dr"),
+    ("q * q - p * p", "q * r - dp", "-p * r - dq"),
+)
+
+
+def _equation(
+    name: str, steady: Mapping[Parameter, str], behind: Mapping[Parameter, str], *instruments: str
+) -> AxisEquation:
+    """Equation of turning about an axis, of means over steps, or of the specific force along one."""
+    terms = tuple(
+        Term(item.name, of, QUANTITIES[item.name].symbol, item.unit, behind=lags)
+        for lags, listed in ((False, steady), (True, behind))
+        for item, of in listed.items()
+    )
+    words, unit = f"specific force along {name}", "m/s²"
+    response: tuple[str, ...] = (f"specific_force_body_{name}", f"felt_{name}")
+    if name in TURNING:
+        words, unit, response = f"{name} acceleration", "rad/s²", (f"change_{name}",)
+    trace = words, unit, "model", "rotors"
+    return AxisEquation(name, (), response, terms, trace, instruments_of=instruments, linear=False)
+
+
+EQUATIONS = (
+    _equation(
+        "roll",
+        {COUPLING[0]: "q * r", LIFT_MOMENT[0]: LIFTED[0]},
+        {
+            GAIN[0]: "thrust_roll",
+            DAMPING[0]: "-(w * n_y + p * n_yy - q * n_xy) / yy",
+            OFFSET[0]: "thrust",
+            GYROSCOPIC_MOMENT[0]: "q * spin",
+            DRAG_MOMENT[0][0]: f"{DRAGGED[1]} / rotors",
+            DRAG_MOMENT[0][1]: f"{DRAGGED[2]} / rotors",
+        },
+        *("q * r", LIFTED[0], "q * spin", *BY_PRODUCT[0], "v", "w"),
+    ),
+    _equation(
+        "pitch",
+        {COUPLING[1]: "r * p", LIFT_MOMENT[1]: LIFTED[1]},
+        {
+            GAIN[1]: "thrust_pitch",
+            DAMPING[1]: "-(q * n_xx - p * n_xy - w * n_x) / xx",
+            OFFSET[1]: "thrust",
+            GYROSCOPIC_MOMENT[1]: "-p * spin",
+            DRAG_MOMENT[1][0]: f"{DRAGGED[0]} / rotors",
+            DRAG_MOMENT[1][1]: f"{DRAGGED[2]} / rotors",
+        },
+        *("r * p", LIFTED[1], "-p * spin", *BY_PRODUCT[1], "u", "w"),
+    ),
+    _equation(
+        "yaw",
+        {COUPLING[2]: "p * q"},
+        {
+            GAIN[2]: "thrust_yaw",
+            DAMPING[2]: "-(v * n_x - u * n_y + r * (n_xx + n_yy)) / (xx + yy)",
+            REACTION: "spin_up",
+            DRAG_MOMENT[2][0]: f"{DRAGGED[0]} / rotors",
+            DRAG_MOMENT[2][1]: f"{DRAGGED[1]} / rotors",
+        },
+        *("p * q", *BY_PRODUCT[2], "u", "v"),
+    ),
+    _equation("x", {QUADRATIC_DRAG[0]: "-speed * u"}, {DRAG[0]: f"-{DRAGGED[0]} / rotors"}, "speed * u"),
+    _equation("y", {QUADRATIC_DRAG[1]: "-speed * v"}, {DRAG[1]: f"-{DRAGGED[1]} / rotors"}, "speed * v"),
+    _equation(
+        "z",
+        {
+            QUADRATIC_DRAG[2]: "-speed * w",
+            LIFT: "u * u + v * v + (2 * r * (v * x - u * y) + r * r * (xx + yy)) / rotors",
+        },
+        {THRUST: "thrust", DRAG[2]: f"-{DRAGGED[2]} / rotors"},
+        *("u * u + v * v", "speed * w"),
+    ),
+)
+#: Terms with the numbers of their equations.
+TERMS = tuple((number, term) for number, equation in enumerate(EQUATIONS) for term in equation.terms)
+#: Where the velocity on the body's axes is known, and nowhere else.
+BY_VELOCITY = {item.name for item in (*QUADRATIC_DRAG, *LIFT_MOMENT, *ALL_DRAG_MOMENTS, LIFT)}
+
+
+def drives(text: str) -> bool:
+    """Whether that is what the rotors do by themselves."""
+    return {*parsed(text).columns} <= {*THRUSTS, SPIN_UP}
+
 
 # -- Velocity --
 
@@ -209,13 +185,6 @@ def body_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
     """Velocity forward, left and up of the body [m/s]; None where velocity or attitude are not known."""
     known = set(NEEDED) <= set(signals.channels)
     return on_body_axes(signals, *map(signals.channel, VELOCITY)) if known else None
-
-
-def force_by_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
-    """What an accelerometer would read where the velocity changes as it does [m/s^2]; None likewise."""
-    if not set(NEEDED) <= set(signals.channels):
-        return None
-    return felt(_rows(signals), np.stack([*map(signals.channel, VELOCITY)]), signals.step_s).T
 
 
 def on_body_axes(signals: Signals, u: Series, v: Series, s: Series) -> Float[np.ndarray, "n 3"]:
@@ -268,63 +237,71 @@ def _integrated(rate: Float[np.ndarray, " length"], step_s: float) -> Float[np.n
 
 #: Successive lags of references, how many and how long [s]: for turning, for velocity across, for height.
 QUICK, SLOW, HEIGHT = (14, 0.04), (4, 1.0), (4, 0.15)
-#: Axis of turning that tilts the thrust forward, and left.
-TILTED = (PITCH_EQUATION, ROLL_EQUATION)
+#: Of forces and velocities the axis of turning that tilts the thrust forward, and left, or the height.
+BY_AXIS = ((PITCH_EQUATION, SLOW), (ROLL_EQUATION, SLOW), (FORCE_Z_EQUATION, HEIGHT))
 #: Lags for which columns are instruments; delays, of a state that was measured [s].
 INSTRUMENT_LAGS_S = (0.01, 0.03, 0.07, 0.15)
 INSTRUMENT_DELAYS_S = (-0.02, 0.0, 0.02)
+#: Terms without columns for these lags.
+UNLAGGED = {item.name for item in (*GYROSCOPIC_MOMENT, *ALL_DRAG_MOMENTS)}
 
 
 @dataclass(frozen=True)
 class AxisInstruments:
     """Instruments of every equation of one flight: references with their lags, and what they predict."""
 
-    flight: PreparedFlight
-    vehicle: KnownVehicle
+    rotors: RotorStates
     rule: separable.LaggedReferences
 
-    def of_axis(self, axis: int, columns: RotorColumns) -> Float[np.ndarray, "n p"]:
+    def of_axis(self, axis: BodyEquation) -> Float[np.ndarray, "n p"]:
         """Columns for one equation, some of them like columns of what its rotors do."""
-        if axis < FORCE_X_EQUATION:
-            states = replace(columns.states, flight=self._predicted, _last=None)
-            return self._turning(axis, replace(columns, states=states))
-        velocity, along = self._motion.velocity, axis - FORCE_X_EQUATION
-        quadratic = np.linalg.norm(velocity, axis=0) * velocity[along]
-        if axis == FORCE_Z_EQUATION:
-            across = velocity[0] ** 2 + velocity[1] ** 2
-            return np.column_stack([self._references(FORCE_Z_EQUATION, HEIGHT), across, quadratic])
-        return np.column_stack([self._references(TILTED[along], SLOW), quadratic])
+        predicted, measured = self._predicted, self.rotors.flight.input.measured
+        if axis.turns:
+            kept = tuple(item for item in axis.terms if item.name not in UNLAGGED)
+            moving = Driven(replace(axis, rotors=predicted, terms=kept), predicted.signals)
+            names = lagged_runs.ACTUATOR_LAG.name, lagged_runs.DELAY.name
+            lags_s, delays_s = ((0.0,), INSTRUMENT_DELAYS_S) if measured else (INSTRUMENT_LAGS_S, (0.0,))
+            columns = [moving(dict(zip(names, at, strict=True))) for at in product(lags_s, delays_s)]
+        else:
+            columns = [self._references(*BY_AXIS[ALONG.index(axis.name)])]
+        texts = axis.instruments_of
+        if not {*NEEDED} <= {*predicted.signals.channels}:
+            texts = tuple(of for of in texts if {*MOVED, SPEED}.isdisjoint(parsed(of).columns))
+        # what is commanded, in place of states
+        spin = predicted.vehicle.arms[3] @ predicted.flight.signals.family(predicted.flight.input.name).T
+        given = {**predicted.numbers, "spin": spin}
+        return np.column_stack([*columns, *(evaluated(parsed(of), predicted.signals, given) for of in texts)])
 
     def _references(self, axis: int, lags: tuple[int, float]) -> Float[np.ndarray, "n p"]:
         """References of an axis with their lags; those of no axis of turning are of height."""
         turning = {source.channel: number for number, item in enumerate(AXES) for source in item.references}
         names = tuple(name for name in self.rule.channels if turning.get(name, FORCE_Z_EQUATION) == axis)
-        signals = self.flight.signals
+        signals = self.rotors.flight.signals
         return replace(self.rule, channels=names, lags=lags).columns(signals, np.zeros(signals.sample_count))
 
     def _by_references(self, values: Series, axis: int, lags: tuple[int, float]) -> Series:
         """Prediction by the references of one axis, within what the values were."""
-        used = self.flight.used
+        used = self.rotors.flight.used
         result = cross_fitted(self._references(axis, lags), values[:, None], used)[:, 0]
         return np.clip(result, values[used].min(), values[used].max()) if used.any() else result
 
     @cached_property
     def _rotors(self) -> dict[str, Series]:
         """Commands of the rotors, put together of what lifts and what turns."""
-        name, vehicle = self.flight.input.name, self.vehicle
-        logged = self.flight.signals.family(name)
-        parts = np.column_stack([vehicle.roll, vehicle.pitch, vehicle.yaw, np.ones(vehicle.count)])
+        name, vehicle = self.rotors.flight.input.name, self.rotors.vehicle
+        logged = self.rotors.flight.signals.family(name)
+        parts = vehicle.arms.T
         shares = np.linalg.lstsq(parts, logged.T, rcond=None)[0].T
-        chosen = (*((axis, QUICK) for axis in range(FORCE_X_EQUATION)), (FORCE_Z_EQUATION, HEIGHT))
-        pairs, used = zip(shares.T, chosen, strict=True), logged[self.flight.used]
+        chosen = (BY_AXIS[2], *((axis, QUICK) for axis in range(FORCE_X_EQUATION)))
+        pairs, used = zip(shares.T, chosen, strict=True), logged[self.rotors.flight.used]
         selected = np.column_stack([self._by_references(share, axis, lags) for share, (axis, lags) in pairs])
         rotors = np.clip(selected @ parts.T, used.min(), used.max())
         return {f"{name}_{number + 1}": column for number, column in enumerate(rotors.T)}
 
     @cached_property
-    def _predicted(self) -> PreparedFlight:
+    def _predicted(self) -> RotorStates:
         """The same flight with predictions in place of its commands, rates and velocity."""
-        signals, says = self.flight.signals, self._by_references
+        signals, says = self.rotors.flight.signals, self._by_references
         channels = dict(signals.channels)
         for axis in (ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION):
             name = AXES[axis].rate
@@ -332,42 +309,16 @@ class AxisInstruments:
         channels |= self._rotors
         velocity = body_velocity(signals)
         if velocity is not None:
-            by_axis = ((TILTED[0], SLOW), (TILTED[1], SLOW), (FORCE_Z_EQUATION, HEIGHT))
-            for along, (axis, lags) in enumerate(by_axis):
-                channels[f"velocity_{'xyz'[along]}"] = says(velocity[:, along], axis, lags)
+            for name, along, of in zip(VELOCITY, velocity.T, BY_AXIS, strict=True):
+                channels[name] = says(along, *of)
             for part in "wxyz":
                 channels[f"attitude_{part}"] = np.full(signals.sample_count, float(part == "w"))
-        return replace(self.flight, signals=replace(signals, channels=channels))
-
-    @cached_property
-    def _motion(self) -> BodyMotion:
-        """The predicted flight with what is commanded in place of states; no velocity where none is known."""
-        signals = self._predicted.signals
-        rates = np.stack([signals.channel(item.rate) for item in AXES])
-        known = body_velocity(signals)
-        velocity = np.zeros_like(rates) if known is None else known.T
-        commands = self.vehicle.sums @ signals.family(self.flight.input.name).T
-        unchanged = np.zeros(signals.sample_count)
-        turning = np.stack([time_derivative(rate, signals.step_s) for rate in rates])
-        return BodyMotion(self.vehicle, 1.0, commands, commands, unchanged, velocity, rates, turning)
-
-    def _turning(self, axis: int, moving: RotorColumns) -> Float[np.ndarray, "n p"]:
-        """Columns for several lags, and what couplings, spins, drag and lift turn in the predicted flight."""
-        nodes = [(lag, 0.0) for lag in INSTRUMENT_LAGS_S]
-        if self.flight.input.measured:
-            nodes = [(0.0, delay) for delay in INSTRUMENT_DELAYS_S]
-        columns = [
-            moving({lagged_runs.ACTUATOR_LAG.name: lag, lagged_runs.DELAY.name: delay})
-            for lag, delay in nodes
-        ]
-        of, known = self._motion, set(NEEDED) <= set(self._predicted.signals.channels)
-        names = {COUPLING[axis], *GYROSCOPIC_MOMENT, *(LIFT_MOMENT if known else ())}
-        turned = [term.column(of) for term in TERMS if term.equation == axis and term.parameter in names]
-        turned += [of.by_product(axis, pair) for pair in range(len(PRODUCT))]
-        dragged = of.velocity[list(ALONG_OTHERS[axis])] if known else ()
-        return np.column_stack([*columns, *turned, *dragged])
+        flight = replace(self.rotors.flight, signals=replace(signals, channels=channels))
+        return replace(self.rotors, flight=flight, signals=body_signals(flight), _last=None)
 
 
+#: Sums over the rotors by name.
+States = Mapping[str, Any]
 #: Values of a sensor as its filter leaves them.
 Filter = Callable[[Series], Series]
 
@@ -377,17 +328,6 @@ def filtered(column: Series, step_s: float, cutoff_hz: float, taken_s: float) ->
     late = low_passed(column[:, None], step_s=step_s, cutoff_hz=cutoff_hz)
     early_s = min(max(taken_s, 0.0), math.sqrt(2.0) / (2.0 * math.pi * cutoff_hz))
     return (shifted_by(late, step_s=step_s, delay_s=-early_s) if early_s else late)[:, 0]
-
-
-def onboard_filter(flight: PreparedFlight, vehicle: KnownVehicle, axis: int) -> Filter | None:
-    """Filter of the sensor whose values an equation explains; None where none is known."""
-    turning = axis < FORCE_X_EQUATION
-    cutoff_hz = vehicle.gyro_cutoff_hz if turning else vehicle.accelerometer_cutoff_hz
-    if cutoff_hz is None:
-        return None
-    name = AXES[axis].rate if turning else f"specific_force_body_{ALONG[axis - FORCE_X_EQUATION]}"
-    taken_s = flight.recording.channel(name).delay_s
-    return partial(filtered, step_s=flight.signals.step_s, cutoff_hz=cutoff_hz, taken_s=taken_s)
 
 
 def before(values: Float[np.ndarray, "*parts n"]) -> Float[np.ndarray, "*parts n"]:
@@ -405,14 +345,6 @@ def change_over_step(values: Float[np.ndarray, "*parts n"], step_s: float) -> Fl
     return (values - before(values)) / step_s
 
 
-def as_logged(term: RigidTerm, of: BodyMotion, sensor: Filter | None) -> Series:
-    """Column of a term behind its sensor's filter, where it is not made of filtered rates."""
-    column = term.column(of)
-    if term.equation < FORCE_X_EQUATION and not term.driving:
-        return mean_over_step(column)
-    return column if sensor is None else sensor(column)
-
-
 # -- Flights --
 
 #: Bands of spectral rows [Hz]: of turning, and of forces.
@@ -427,8 +359,12 @@ SEARCH_DELAYS_S = np.linspace(0.0, 0.03, 4)
 TOLERANCE_S = 3e-7
 
 
-def searched_lag_and_delay(known: KnownNumber | None = None) -> tuple[separable.Nuisance, separable.Nuisance]:
+def lag_and_delay(
+    flights: Sequence[PreparedFlight], known: KnownNumber | None
+) -> tuple[separable.Nuisance, separable.Nuisance]:
     """Lag and delay of commands, both continuous; of a delay that is known, what is known of it [s]."""
+    if all(flight.input.measured for flight in flights):
+        return lagged_runs.measured_state()
     lag, delay = lagged_runs.lag_and_delay(SEARCH_LAGS_S, SEARCH_DELAYS_S)
     lag = replace(lag, tolerance=TOLERANCE_S)
     if known is not None and not known.std:
@@ -438,52 +374,70 @@ def searched_lag_and_delay(known: KnownNumber | None = None) -> tuple[separable.
     return lag, replace(delay, tolerance=TOLERANCE_S)
 
 
-@dataclass
+def body_signals(flight: PreparedFlight) -> Signals:
+    """Channels that no lag moves; velocity is zero where it is not known, nor can be inferred."""
+    signals, step_s = flight.signals, flight.signals.step_s
+    rates = np.stack([signals.channel(axis.rate) for axis in AXES])
+    known = body_velocity(signals)
+    velocity = np.zeros_like(rates) if known is None else np.ascontiguousarray(known.T)
+    along_z = inferred_velocity(signals, flight.runs) if known is None else None
+    velocity[2] += 0.0 if along_z is None else along_z
+    made = dict(zip((*RATES, *MOVED), (*rates, *velocity), strict=True))
+    made |= {name: time_derivative(rate, step_s) for name, rate in zip(TURNED, rates, strict=True)}
+    made |= zip((f"change_{name}" for name in TURNING), change_over_step(rates, step_s), strict=True)
+    made[SPEED] = np.linalg.norm(velocity, axis=0)
+    if known is not None:  # what an accelerometer would read where the velocity changes as it does
+        derived = felt(_rows(signals), np.stack([*map(signals.channel, VELOCITY)]), step_s)
+        made |= zip((f"felt_{axis}" for axis in ALONG), derived, strict=True)
+    return replace(signals, channels={**signals.channels, **made})
+
+
+@dataclass(eq=False)
 class RotorStates:
-    """What all axes ask of a flight's rotors."""
+    """What all equations of a flight are evaluated over."""
 
     flight: PreparedFlight
     vehicle: KnownVehicle
     usual: float  # State of a rotor at hover, nearly, for which damping and drag are
-    _last: tuple[tuple[float, ...], tuple[BodyMotion, BodyMotion]] | None = None
+    signals: Signals  # What no lag moves
+    #: Izz over Ixx and Iyy, by which what rotors that spin turn goes with their reaction; None without it
+    inertia_ratios: tuple[float, float] | None = None
+    _last: tuple[tuple[float, ...], tuple[States, States]] | None = None
+    _instruments: AxisInstruments | None = None
 
     def at(
         self, lag_s: float = 0.0, delay_s: float = 0.0, second_stage: float = 0.0, asymmetry: float = 0.0
-    ) -> tuple[BodyMotion, BodyMotion]:
-        """What columns are made of at a lag and a delay; the same with means over steps of what drives."""
+    ) -> tuple[States, States]:
+        """Sums over the rotors at a lag and a delay; the same with means over steps of what drives."""
         path = (lag_s, delay_s, second_stage, asymmetry)
         if self._last is None or self._last[0] != path:
-            thrust_of, weights = input_map(self.flight.input_map), self.vehicle.sums
-            step_s = self.flight.signals.step_s
+            thrust_of, step_s = input_map(self.flight.input_map), self.flight.signals.step_s
             state, between = (
                 self._moved(lag_s, delay_s + later, second_stage, asymmetry) for later in (0.0, 0.5 * step_s)
             )
-            thrust, halfway = (weights @ thrust_of(item).T for item in (state, between))
+            thrust, halfway = (self.vehicle.arms @ thrust_of(item).T for item in (state, between))
             # Simpson's rule: a rotor follows its command smoothly within a step
-            mean, states = (before(thrust) + 4.0 * halfway + thrust) / 6.0, weights @ state.T
-            now = states, thrust, time_derivative(states[6], step_s)
-            of = BodyMotion(self.vehicle, self.usual, *now, self.velocity, self.rates, self.turning)
-            means = replace(of, thrust=mean, spin_up=change_over_step(states[6], step_s))
-            self._last = path, (of, means)
+            mean = (before(thrust) + 4.0 * halfway + thrust) / 6.0
+            *sums, spin = self.vehicle.sums @ state.T
+            states = dict(zip(STATES, (*(item / self.usual for item in sums), spin), strict=True))
+            changes = time_derivative(spin, step_s), change_over_step(spin, step_s)
+            now, means = (
+                {**states, **dict(zip(THRUSTS, driving, strict=True)), SPIN_UP: change}
+                for driving, change in zip((thrust, mean), changes, strict=True)
+            )
+            self._last = path, (now, means)
         return self._last[1]
 
-    @cached_property
-    def rates(self) -> Float[np.ndarray, "3 n"]:
-        return np.stack([self.flight.signals.channel(axis.rate) for axis in AXES])
+    @property
+    def numbers(self) -> States:
+        """What terms are over beside series."""
+        return {**self.vehicle.numbers, **dict(zip(RATIOS, self.inertia_ratios or (), strict=False))}
 
-    @cached_property
-    def turning(self) -> Float[np.ndarray, "3 n"]:
-        return np.stack([time_derivative(rate, self.flight.signals.step_s) for rate in self.rates])
-
-    @cached_property
-    def velocity(self) -> Float[np.ndarray, "3 n"]:
-        """Velocity through the air on the body's axes; zero where it is not known, nor can be inferred."""
-        result = body_velocity(self.flight.signals)
-        if result is not None:
-            return np.ascontiguousarray(result.T)
-        unknown, along_z = np.zeros_like(self.rates), inferred_velocity(self.flight.signals, self.flight.runs)
-        unknown[2] = 0.0 if along_z is None else along_z
-        return unknown
+    def by_references(self, rule: separable.LaggedReferences) -> AxisInstruments:
+        """Instruments of every equation."""
+        if self._instruments is None or self._instruments.rule != rule:
+            self._instruments = AxisInstruments(self, rule)
+        return self._instruments
 
     @cached_property
     def _logged(self) -> Float[np.ndarray, "n rotors"]:
@@ -497,110 +451,84 @@ class RotorStates:
         return self.flight.input.state(self._logged, self.flight.signals.step_s, **path)
 
 
-@dataclass(frozen=True)
-class RotorColumns:
-    """Columns of what the rotors do to one axis, among those of all."""
+@dataclass(frozen=True, kw_only=True)
+class BodyEquation(AxisEquation):
+    """One of the equations with the rotors of a flight, whose states all of them share."""
 
-    states: RotorStates
-    axis: int  # Number of the equation
-    moving: tuple[Parameter, ...]  # Parameters of all moving columns
-    common_rotor_inertia: tuple[float, float] | None = None
-
-    def __call__(self, nuisance_values: separable.Values) -> Float[np.ndarray, "n k"]:
-        now, means = self.states.at(**lagged_runs.actuators(nuisance_values))
-        of = means if self.axis < FORCE_X_EQUATION else now
-        sensor = onboard_filter(self.states.flight, self.states.vehicle, self.axis)
-        return np.stack([share * as_logged(term, of, sensor) for _, share, term in self._terms]).T
+    rotors: RotorStates = field(compare=False)
 
     @property
-    def indices(self) -> tuple[int, ...]:
-        """Places of this equation's parameters among those of all moving columns."""
-        return tuple(index for index, *_ in self._terms)
+    def turns(self) -> bool:
+        return self.name in TURNING
+
+    def states(self, _logged: object, _signals: Signals, path: Mapping[str, float]) -> States:
+        return self.rotors.at(**path)[self.turns]
+
+    def columns(
+        self,
+        signals: Signals,
+        texts: Sequence[str],
+        states: States | None = None,
+        delay_s: float = 0.0,
+    ) -> Float[np.ndarray, "n k"]:
+        """As logged: behind its sensor's filter, where they are not made of filtered rates."""
+        results = super().columns(signals, texts, {**self.rotors.numbers, **(states or {})}, delay_s)
+        for text, column in zip(texts, results.T, strict=True):
+            if self.turns and not (drives(text) or text in self.response):
+                column[:] = mean_over_step(column)
+            elif self._sensor is not None and text != self.response[0]:
+                column[:] = self._sensor(column)
+        return results
 
     @cached_property
-    def _terms(self) -> list[tuple[int, float, RigidTerm]]:
-        """Place of the parameter, factor and term of each column."""
-        results = []
-        for term in TERMS:
-            parameter, share = term.parameter, 1.0
-            if self.common_rotor_inertia is not None and parameter in GYROSCOPIC_MOMENT:
-                parameter, share = REACTION, self.common_rotor_inertia[term.index]
-            if term.equation == self.axis and parameter in self.moving:
-                results.append((self.moving.index(parameter), share, term))
-        return sorted(results, key=itemgetter(0))
+    def _sensor(self) -> Filter | None:
+        """Filter of the sensor whose values are explained; None where none is known."""
+        flight, vehicle = self.rotors.flight, self.rotors.vehicle
+        cutoff_hz = vehicle.gyro_cutoff_hz if self.turns else vehicle.accelerometer_cutoff_hz
+        if cutoff_hz is None:
+            return None
+        name = AXES[TURNING.index(self.name)].rate if self.turns else self.response[0]
+        taken_s = flight.recording.channel(name).delay_s
+        return partial(filtered, step_s=flight.signals.step_s, cutoff_hz=cutoff_hz, taken_s=taken_s)
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Band of rows: of forces without a velocity, from where it is inferred."""
+        low, high = TURNING_BAND_HZ if self.turns else FORCE_BAND_HZ
+        rates_hz = self.rotors.flight.rates_hz.items()
+        slowest = min(rate for role, rate in rates_hz if rate and role != "command")
+        inferred = not self.turns and len(self.response) == 1
+        return FROM_HZ if inferred else low, min(high, BAND_SHARE * slowest)
+
+    def instruments(self, signals: Signals, rule: separable.InstrumentRule, others: set[str]) -> np.ndarray:
+        if isinstance(rule, separable.LaggedReferences):
+            return self.rotors.by_references(rule).of_axis(self)
+        return super().instruments(signals, rule, others)
 
 
-def rigid_body_problem(
-    flights: tuple[PreparedFlight, ...], vehicle: KnownVehicle, rule: separable.InstrumentRule
-) -> lagged_runs.LaggedRuns:
-    """Regressions of the flights for each lag and delay."""
-    known = set.intersection(*(set(flight.signals.channels) for flight in flights))
-    usual = usual_state(flights)
-    velocity = set(NEEDED) <= known
-    forces = {
-        FORCE_X_EQUATION + along
-        for along, name in enumerate(ALONG)
-        if f"specific_force_body_{name}" in known and (velocity or along == 2)
-    }
-    equations = {*range(FORCE_X_EQUATION), *forces}
-    terms = [term for term in TERMS if term.equation in equations and (velocity or not term.by_velocity)]
-    states = [RotorStates(flight, vehicle, usual) for flight in flights]
-    made = [_flight(number, item, rule, terms) for number, item in enumerate(states)]
-    columns = tuple(column for of_flight in made for column in of_flight)
-    measured = all(flight.input.measured for flight in flights)
-    nuisances = lagged_runs.measured_state() if measured else searched_lag_and_delay(vehicle.delay)
-    parameters = (term.parameter for moves in (False, True) for term in terms if term.moves is moves)
-    return lagged_runs.LaggedRuns(columns, tuple(parameters), nuisances)
+def equations_of(
+    flights: tuple[PreparedFlight, ...], flight: PreparedFlight, vehicle: KnownVehicle
+) -> dict[int, AxisEquation]:
+    """Equations of one of several flights, by number, with the terms that all flights are logged for."""
+    known = set.intersection(*({*item.signals.channels} for item in flights))
+    moves, rotors = (
+        {*NEEDED} <= known,
+        RotorStates(flight, vehicle, usual_state(flights), body_signals(flight)),
+    )
+    results = dict[int, AxisEquation]()
+    for number, item in enumerate(EQUATIONS):
+        turns, along_z = number < FORCE_X_EQUATION, number == FORCE_Z_EQUATION
+        if turns or (item.response[0] in known and (moves or along_z)):
+            terms = tuple(term for term in item.terms if moves or term.name not in BY_VELOCITY)
+            made = {**vars(item), "inputs": (flight.input.name,), "terms": terms}
+            made["response"] = item.response if moves else item.response[:1]
+            results[number] = BodyEquation(**made, rotors=rotors)
+    return results
 
 
-def _flight(
-    number: int, states: RotorStates, rule: separable.InstrumentRule, terms: list[RigidTerm]
-) -> Iterator[lagged_runs.AxisColumns]:
-    flight, signals, vehicle = states.flight, states.flight.signals, states.vehicle
-    level = signals.family(flight.input.name).mean(axis=1)
-    by_references = None
-    if isinstance(rule, separable.LaggedReferences):
-        by_references = AxisInstruments(flight, vehicle, rule)
-    slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
-    changes = change_over_step(states.rates, signals.step_s)
-    by_velocity = force_by_velocity(signals) if any(term.by_velocity for term in terms) else None
-    steady = [term for term in terms if not term.moves]
-    moving = tuple(term.parameter for term in terms if term.moves)
-    lagged = tuple(item for item in moving if item not in {*GYROSCOPIC_MOMENT, *ALL_DRAG_MOMENTS})
-    for axis in sorted({term.equation for term in terms}):
-        sensor = onboard_filter(flight, vehicle, axis)
-        if axis < FORCE_X_EQUATION:
-            (low, high), responses = TURNING_BAND_HZ, [changes[axis]]
-        else:
-            along, (low, high) = axis - FORCE_X_EQUATION, FORCE_BAND_HZ
-            responses = [signals.channel(f"specific_force_body_{ALONG[along]}")]
-            low = FROM_HZ if by_velocity is None else low
-            if by_velocity is not None:
-                derived = by_velocity[:, along]
-                responses.append(derived if sensor is None else sensor(derived))
-        fixed = np.zeros((signals.sample_count, len(steady)))
-        for index, term in enumerate(steady):
-            if term.equation == axis:
-                fixed[:, index] = as_logged(term, states.at()[0], sensor)
-        columns = RotorColumns(states, axis, moving)
-        made = (
-            rule.columns(signals, level)
-            if by_references is None
-            else by_references.of_axis(axis, replace(columns, moving=lagged))
-        )
-        yield lagged_runs.AxisColumns(
-            signals.step_s,
-            flight.runs,
-            np.column_stack(responses),
-            fixed,
-            columns,
-            made,
-            number,
-            axis,
-            (low, min(high, BAND_SHARE * slowest)),
-            flight.usable,
-            columns.indices,
-        )
+def body_equation(axis_columns: lagged_runs.AxisColumns) -> BodyEquation:
+    """Equation that columns are of."""
+    return cast("BodyEquation", cast("Driven", axis_columns.moving).axis)
 
 
 def usual_state(flights: tuple[PreparedFlight, ...]) -> float:

@@ -228,25 +228,24 @@ class KnownVehicle:
         return float(np.mean([math.hypot(*position) for position in self.positions]))
 
     @cached_property
-    def roll(self) -> Float[np.ndarray, " rotors"]:
-        """Arm of each thrust about the forward axis: y."""
-        return np.array([position[1] for position in self.positions], dtype=np.float64)
-
-    @cached_property
-    def pitch(self) -> Float[np.ndarray, " rotors"]:
-        """Arm of each thrust about the left axis: -x."""
-        return np.array([-position[0] for position in self.positions], dtype=np.float64)
-
-    @cached_property
-    def yaw(self) -> Float[np.ndarray, " rotors"]:
-        """Sign of each reaction torque."""
-        return np.array(self.spins, dtype=np.float64)
+    def arms(self) -> Float[np.ndarray, "4 rotors"]:
+        """By which thrusts lift, and turn about the axes forward, left, up: 1, y, -x, spin."""
+        x, y = np.transpose(self.positions)
+        return np.stack([np.ones(self.count), y, -x, self.spins])
 
     @cached_property
     def sums(self) -> Float[np.ndarray, "7 rotors"]:
         """Weights of the rotors in sums over them: 1, x, y, x^2, x y, y^2, and the spin."""
-        x, y = -self.pitch, self.roll
-        return np.stack([np.ones(self.count), x, y, x * x, x * y, y * y, self.yaw])
+        one, y, negative, spin = self.arms
+        x = -negative
+        return np.stack([one, x, y, x * x, x * y, y * y, spin])
+
+    @cached_property
+    def numbers(self) -> dict[str, float]:
+        """Sums over the rotors of powers of their places, as terms name them."""
+        x, y = self.sums[1:3]
+        sums = dict(zip(("rotors", "x", "y", "xx", "xy", "yy"), self.sums[:6].sum(axis=1), strict=True))
+        return sums | {"xxx": x @ x**2, "xxy": y @ x**2, "xyy": x @ y**2, "yyy": y @ y**2}
 
 
 def _check_turning(positions: tuple[tuple[float, ...], ...], spins: tuple[int, ...]) -> None:

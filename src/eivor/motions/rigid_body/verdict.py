@@ -26,14 +26,15 @@ from eivor.logs.common import low_pass_delay_s
 from eivor.models import lagged_runs
 from eivor.models.lagged_runs import ACTUATOR_LAG, LaggedRuns
 from eivor.models.regression import Parameter
-from eivor.models.separable import NoInstruments, Values, WarmStart
+from eivor.models.separable import Values, WarmStart
+from eivor.motions.equation import Driven, Term
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import regression as terms
 from eivor.motions.rigid_body import vehicle as vehicles
 from eivor.motions.rigid_body.compatibility import wind_of
 from eivor.motions.rigid_body.dynamics import VELOCITY
 from eivor.motions.rigid_body.physical_parameters import Combinations
-from eivor.motions.rigid_body.regression import DRAG, GAIN, GYROSCOPIC_MOMENT, PRODUCT, mean_over_step
+from eivor.motions.rigid_body.regression import DRAG, GAIN, GYROSCOPIC_MOMENT, PRODUCT
 from eivor.motions.rigid_body.vehicle import OF_INERTIAS, YAW_OVER_ROLL, KnownVehicle, inertia_ratios
 from eivor.signals.filters import time_derivative
 from eivor.signals.thrust_map import input_map
@@ -86,10 +87,8 @@ def hover_over_usual(
     problem: LaggedRuns, estimate: Estimate
 ) -> tuple[float, Float[np.ndarray, " joint"] | float]:
     """State of a rotor at hover over that which drag and damping are for, and its gradient."""
-    columns, thrust = problem.columns[0].moving, estimate.parameters.get(terms.THRUST.name, 0.0)
-    if not isinstance(columns, terms.RotorColumns):
-        return 1.0, 0.0
-    states = columns.states
+    states = terms.body_equation(problem.columns[0]).rotors
+    thrust = estimate.parameters.get(terms.THRUST.name, 0.0)
     hover = terms.hover_state(states.flight, states.vehicle, thrust)
     if hover is None:
         return 1.0, 0.0
@@ -123,21 +122,29 @@ def with_common_rotor_inertia(
     problem: LaggedRuns, ratios: tuple[float, float], free: Estimate | None = None, hover: float = 1.0
 ) -> LaggedRuns:
     """The same problem whose columns of rotors that spin go with J / Izz alone, at so many usual states."""
-    moving = problem.parameters[problem.columns[0].fixed.shape[1] :]
-    kept = tuple(item for item in moving if item not in GYROSCOPIC_MOMENT)
-    columns, at_hover = list(problem.columns), dict[int, terms.RotorStates]()
-    for index, column in enumerate(columns):
-        if isinstance(column.moving, terms.RotorColumns):
-            states = column.moving.states  # of all axes of a flight, which remember together
-            at_hover.setdefault(id(states), replace(states, usual=hover * states.usual, _last=None))
-            reduced = replace(
-                column.moving, states=at_hover[id(states)], moving=kept, common_rotor_inertia=ratios
-            )
-            columns[index] = replace(column, moving=reduced, moved=reduced.indices)
+    stays = tuple(item for item in problem.parameters if item not in GYROSCOPIC_MOMENT)
+    names = dict(zip((item.name for item in GYROSCOPIC_MOMENT), terms.RATIOS, strict=True))
+    states = {item.flight: terms.body_equation(item).rotors for item in problem.columns}
+    at_hover = {
+        number: replace(item, usual=hover * item.usual, inertia_ratios=ratios, _last=None)
+        for number, item in states.items()
+    }
+    columns, one = [], terms.REACTION
+    for column in problem.columns:
+        axis, rotors = terms.body_equation(column), at_hover[column.flight]
+        linked = [
+            Term(one.name, f"{names[item.name]} * ({item.of})", item.symbol, one.unit, behind=True)
+            if item.name in names
+            else item
+            for item in axis.terms
+        ]
+        axis = replace(axis, terms=tuple(linked), rotors=rotors)
+        moved = tuple(stays[problem.still :].index(term.parameter) for term in linked if term.behind)
+        columns.append(replace(column, moving=Driven(axis, rotors.signals), moved=moved))
     noisier = problem.noisier
     if noisier is not None:
         noisier = with_common_rotor_inertia(noisier, ratios, hover=hover)
-    stays, started = tuple(item for item in problem.parameters if item not in GYROSCOPIC_MOMENT), None
+    started = None
     if free is not None:
         times = dict.fromkeys(terms.AT_HOVER, hover)
         theta = [times.get(item, 1.0) * free.parameters[item.name] for item in stays]
@@ -154,27 +161,22 @@ def with_products(
     shares, columns = vehicles.inertia_shares(values), []
     for item in problem.columns:
         added = np.zeros((item.fixed.shape[0], len(chosen)))
-        if item.axis < terms.FORCE_X_EQUATION and isinstance(item.moving, terms.RotorColumns):
-            of, share = item.moving.states.at()[0], shares[item.axis]
-            for index, entry in enumerate(chosen):
-                added[:, index] = share * mean_over_step(of.by_product(item.axis, PRODUCT.index(entry)))
+        if item.axis < terms.FORCE_X_EQUATION:
+            texts = [terms.BY_PRODUCT[item.axis][PRODUCT.index(entry)] for entry in chosen]
+            axis = terms.body_equation(item)
+            added = shares[item.axis] * axis.columns(axis.rotors.signals, texts)
         columns.append(replace(item, fixed=np.hstack([item.fixed, added])))
     noisier = None if problem.noisier is None else with_products(problem.noisier, values, chosen)
     parameters = (*problem.parameters[: problem.still], *chosen, *problem.parameters[problem.still :])
     return replace(problem, columns=tuple(columns), parameters=parameters, noisier=noisier, **changes)
 
 
-def rotor_inertia_ratios(problem: LaggedRuns) -> tuple[float, float] | None:
-    """Ratios by which a problem's columns of rotors that spin are one; None where they are three."""
-    moving = problem.columns[0].moving
-    return moving.common_rotor_inertia if isinstance(moving, terms.RotorColumns) else None
-
-
 def gyroscopic_moments(
     problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]
 ) -> dict[str, QuantityEstimate]:
     """J / Ixx and J / Iyy, by J / Izz, of a problem in which they are one with it; else nothing."""
-    ratios, of_all = rotor_inertia_ratios(problem), joint.get(terms.REACTION.name)
+    ratios = terms.body_equation(problem.columns[0]).rotors.inertia_ratios
+    of_all = joint.get(terms.REACTION.name)
     if ratios is None or of_all is None:
         return {}
     return {item.name: of_all.times(ratios[axis]) for axis, item in enumerate(GYROSCOPIC_MOMENT)}
@@ -334,11 +336,11 @@ def _orders(vehicle: KnownVehicle) -> Iterator[tuple[tuple[int, ...], Float[np.n
         orders = iter([whole, *(tuple(item.get(rotor, rotor) for rotor in whole) for item in exchanged)])
     for order in orders:
         index = list(order)
-        moved = vehicle.yaw[index]
-        for spins in (moved, vehicle.yaw, *(moved * (1.0 - 2.0 * np.eye(vehicle.count)))):
+        moved = vehicle.arms[3, index]
+        for spins in (moved, vehicle.arms[3], *(moved * (1.0 - 2.0 * np.eye(vehicle.count)))):
             signs = np.where(spins * moved > 0.0, 1, -1).tolist()
             acts_as = tuple(sign * (item + 1) for sign, item in zip(signs, order, strict=True))
-            yield acts_as, np.stack([vehicle.roll[index], vehicle.pitch[index], spins])
+            yield acts_as, np.stack([*vehicle.arms[1:3, index], spins])
 
 
 def _products(flight: PreparedFlight) -> Float[np.ndarray, "lags 3 m m"]:
@@ -433,16 +435,18 @@ def _of_flight(
 
 
 def half_widths_by_wind(
-    problem: LaggedRuns, estimate: Estimate, flights: Sequence[PreparedFlight], vehicle: KnownVehicle
+    problem: LaggedRuns,
+    estimate: Estimate,
+    flights: Sequence[PreparedFlight],
+    made_of: Callable[[Sequence[PreparedFlight]], LaggedRuns],
 ) -> dict[str, float]:
     """What the errors of winds that were taken out are to each parameter, at the lag of the estimate."""
     at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
-    spin = rotor_inertia_ratios(problem)
+    spin = terms.body_equation(problem.columns[0]).rotors.inertia_ratios
     chosen = [item for item in PRODUCT if item in problem.parameters]
 
     def by(flying: Sequence[PreparedFlight]) -> Float[np.ndarray, " k"]:
-        made = terms.rigid_body_problem(tuple(flying), vehicle, NoInstruments())
-        made = with_products(made, estimate.parameters, chosen)
+        made = with_products(made_of(flying), estimate.parameters, chosen)
         made = made if spin is None else with_common_rotor_inertia(made, spin)
         pairs = zip(made.columns, problem.columns, strict=True)
         columns = [replace(new, instruments=old.instruments, band_hz=old.band_hz) for new, old in pairs]
@@ -556,6 +560,8 @@ _PUSHED = "a torque that goes with the turning drives it"
 #: What a steady wind makes wrong: the drags across.
 ACROSS = tuple(item.name for item in (*DRAG[:2], *terms.QUADRATIC_DRAG[:2]))
 
+_TERMS = tuple(term.name for _, term in terms.TERMS)
+
 PARTS = (
     verdict.disagreement_part((*LAGS, *_GAINS)),
     *verdict.clock_parts(LAGS, (*_TURNING, *_SPINS), _DAMPINGS, Counts.INDEPENDENT),
@@ -569,13 +575,13 @@ PARTS = (
         ),
     ),
     verdict.SystematicPart(
-        tuple(term.parameter.name for term in terms.TERMS),
+        _TERMS,
         Counts.INDEPENDENT,
         lambda inputs, name: inputs.checks.by_wind.get(name, 0.0),
         "The wind by the airspeed has an error of its own.",
     ),
     verdict.SystematicPart(
-        (*LAGS, lagged_runs.ASYMMETRY.name, *(term.parameter.name for term in terms.TERMS)),
+        (*LAGS, lagged_runs.ASYMMETRY.name, *_TERMS),
         Counts.ADDED,
         lambda inputs, name: inputs.checks.shifts.get(name, 0.0),
         _shift_sentence,

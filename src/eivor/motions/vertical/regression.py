@@ -51,11 +51,11 @@ class VerticalEquation(AxisEquation):
     def family(self, signals: Signals, _name: str) -> Float[np.ndarray, "n m"]:
         return signals.family(self.driving.name)
 
-    def acting(
-        self, logged: Float[np.ndarray, "n m"], signals: Signals, path: Mapping[str, float]
-    ) -> Float[np.ndarray, " n"]:
-        states = self.driving.state(logged, signals.step_s, **path)
-        return mean_of(self.input_map(states)) * signals.channel("cos_tilt")
+    def states(
+        self, logged: Mapping[str, Float[np.ndarray, "n m"]], signals: Signals, path: Mapping[str, float]
+    ) -> Mapping[str, Float[np.ndarray, " n"]]:
+        states = self.input_map(self.driving.state(logged[MAPPED], signals.step_s, **path))
+        return {MAPPED: mean_of(states) * signals.channel("cos_tilt")}
 
 
 EQUATION = VerticalEquation(
@@ -80,7 +80,7 @@ def equation_of(flight: PreparedFlight, added: tuple[OptionalTerm, ...] = ()) ->
 def mapped_input(flight: PreparedFlight, **path: float) -> Float[np.ndarray, " n"]:
     """Mapped input over the whole grid, at a lag, a delay and a second stage; by default at once."""
     signals, path = flight.signals, {"lag_s": 0.0, "delay_s": 0.0, **path}
-    return equation_of(flight).acting(signals.family(flight.input.name), signals, path)
+    return equation_of(flight).states({MAPPED: signals.family(flight.input.name)}, signals, path)[MAPPED]
 
 
 def mean_command(flight: PreparedFlight) -> float:
