@@ -162,6 +162,8 @@ def test_the_curve_is_found_out(square_log, true, thrust, value):
     gain = fit.quantities["input_gain"]
     assert gain.interval[0] < GAIN < gain.interval[1]
     assert gain.half_width > 1.9 * gain.std_error
+    assert fit.interval("input_gain") == gain.interval
+    assert 0.7 < np.diff(fit.interval("input_gain", 0.9)) / np.diff(gain.interval) < 0.9
     assert fit.quantities["intercept"].half_width >= 1.9 * 0.1
     # no share is below zero: there an intercept is left that is none within its error
     left = fit.quantities["intercept"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -380,8 +379,8 @@ def with_fit(state: FlightState, fit: outcome.Fit, inputs: VerdictInputs) -> Fli
     if fit.by_sets:
         # those that are judged by confidence sets have the hulls of these as intervals
         hulls = {
-            name: replace(estimates[name], interval=_hull(best, name, estimates[name], item))
-            for name, item in fit.by_sets.items()
+            name: replace(estimates[name], interval=fit.reaching(name, estimates[name]))
+            for name in fit.by_sets
         }
         estimates |= hulls | _reciprocals(motion, estimates | hulls)
     searched = {
@@ -431,20 +430,6 @@ def with_fit(state: FlightState, fit: outcome.Fit, inputs: VerdictInputs) -> Fli
     findings += motion.abilities.findings(prepared, quantities)
     overall = verdict(list(against))
     return FlightEstimate(motion, options, prepared, fit, overall, quantities, numbers, tuple(findings))
-
-
-def _hull(best: Estimate, name: str, item: QuantityEstimate, of: ConfidenceSet) -> tuple[float, float]:
-    """Hull of a quantity's set, wider by the errors of what is no parameter, such as a fitted curve."""
-    low, high = of.hull
-    if name in best.names:
-        with_all, alone = (0.5 * (high - low) for low, high in (item.interval, best.interval(name)))
-        more = math.sqrt(max(with_all**2 - alone**2, 0.0))
-        reach = (abs(end - item.value) for end in (low, high))
-        low, high = (
-            end + sign * (math.hypot(size, more) - size if size < math.inf else 0.0)
-            for end, sign, size in zip((low, high), (-1.0, 1.0), reach, strict=True)
-        )
-    return low, high
 
 
 def _reciprocals(

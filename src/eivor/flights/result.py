@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -288,6 +289,22 @@ class Fit:
             result = sets
         return self.estimate.interval(name, level) if result is None else result.hull
 
+    def reaching(
+        self, name: str, item: quantity.QuantityEstimate, level: float = 0.95
+    ) -> tuple[float, float]:
+        """Interval of a quantity as it is derived at a level; of a set with the errors of a fitted curve."""
+        low, high = self.interval(name, level)
+        if name in self.estimate.names:
+            alone = 0.5 * float(np.diff(self.estimate.interval(name, level))[0])
+            more = math.sqrt(max(item.half_width**2 - alone**2, 0.0))
+
+            def moved(end: float, sign: float) -> float:
+                size = abs(end - item.value)
+                return end + sign * (math.hypot(size, more) - size) if math.isfinite(size) else end
+
+            low, high = moved(low, -1.0), moved(high, 1.0)
+        return low, high
+
 
 TABLE_HEAD = ("quantity", "value", "95 % interval", "unit", "verdict")
 
@@ -405,19 +422,17 @@ class FlightEstimate:
         checks.level(level)
         checks.index_of("a quantity", name, self.quantities)
         item, spec = self.quantities[name], self.motion.quantities[name]
-        if name in fit.estimate.names or name in fit.by_sets:
-            interval = fit.interval(name, level)
-        elif level == 0.95:
+        if level == 0.95:
             return item.interval
-        elif spec.reciprocal_of:
+        if spec.reciprocal_of:
             low, high = self.interval(spec.reciprocal_of, level)
             return (1.0 / high, 1.0 / low) if low > 0.0 or high < 0.0 else quantity.NO_INTERVAL
-        else:
-            derived = self.motion.derive(fit.problem, fit.estimate)[name]
-            times = t_ratio(level, derived.half_width / derived.std_error if derived.std_error else NAN)
-            low, high = (derived.value + times * (end - derived.value) for end in derived.interval)
-            interval = low, high
-        return spec.possible(item.widened(interval))
+        derived = self.motion.derive(fit.problem, fit.estimate)[name]
+        times = t_ratio(level, derived.half_width / derived.std_error if derived.std_error else NAN)
+        low, high = (derived.value + times * (end - derived.value) for end in derived.interval)
+        if name in fit.estimate.names or name in fit.by_sets:
+            low, high = fit.reaching(name, replace(derived, interval=(low, high)), level)
+        return spec.possible(item.widened((low, high)))
 
     def summary(self) -> str:
         """Verdict, numbers and reasons as plain text."""
