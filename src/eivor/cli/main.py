@@ -10,12 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points, version
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+import eivor
 from eivor.cli import outputs as cli
 from eivor.errors import InputError, UsageError, did_you_mean
 
@@ -30,12 +30,17 @@ COMMANDS = {name: row for name, row in cli.COMMANDS.items() if "heading" in row}
 ENTRY_POINTS = "eivor.commands"
 
 
+def _added() -> dict[str, str]:
+    from importlib.metadata import entry_points  # with what reads mail, which Eivor's own commands do without
+
+    return {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
+
+
 @cache
 def _targets(*names: str) -> dict[str, str]:
     modules = {name: row.get("module") for name, row in COMMANDS.items()}
     listed = {name: module and f"eivor.cli.{module}:{name}" for name, module in modules.items()}
-    points = () if names and all(map(listed.get, names)) else entry_points(group=ENTRY_POINTS)
-    added = {point.name: point.value for point in points}
+    added = {} if names and all(map(listed.get, names)) else _added()
     return {name: target.replace("-", "_") for name, target in (listed | added).items() if target}
 
 
@@ -67,6 +72,9 @@ def _readable_errors() -> Iterator[None]:
 
 class Commands(TyperGroup):
     """All commands; what is wrong in them is said in one line."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        return cli.as_typed(self, super().get_params(ctx))
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         with _readable_errors():
@@ -129,7 +137,7 @@ def __getattr__(name: str) -> object:
 
 def _print_version(wanted: bool) -> bool:
     if wanted:
-        cli.write(f"eivor {version('eivor')}\n")
+        cli.write(f"eivor {eivor.__version__}\n")
         raise typer.Exit
     return wanted
 

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from importlib.metadata import entry_points
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +48,8 @@ OUTPUTS = "eivor.outputs"
 
 @cache
 def _outputs() -> Any:
+    from importlib.metadata import entry_points  # takes long to import
+
     (registered,) = entry_points(group=OUTPUTS, name="flight")
     return registered.load()
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from eivor import checks
@@ -97,11 +96,13 @@ def wording_of(quantity: str) -> QuantitySpec | None:
     return next((wording for wording in wordings if wording is not None), None)
 
 
-def _added() -> dict[str, EntryPoint]:
+def _added() -> dict[str, Any]:
+    from importlib.metadata import entry_points  # with what reads mail, which few names need
+
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
-def _loaded(point: EntryPoint) -> Motion[Any]:
+def _loaded(point: Any) -> Motion[Any]:
     try:
         kind = point.load()
     except Exception as error:

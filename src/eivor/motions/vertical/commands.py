@@ -22,7 +22,7 @@ from eivor.motions.vertical.select import FittedCurve
 from eivor.signals.channels import CurveSide, common_side
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Finding
-from eivor.signals.thrust_map import InputMap, input_map
+from eivor.signals.thrust_map import InputMap, Power, input_map
 from eivor.tools import Float
 
 # -- Limit of commands --
@@ -61,6 +61,8 @@ def _gains(flight: PreparedFlight, limits: Sequence[CommandLimit]) -> Float[np.n
 
     def rows(commands: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "c rows"]:
         """Acceleration; then velocity, thrust behind lags and delays, and its powers for other maps."""
+        if chosen == Power():
+            commands = commands.mean(axis=1, keepdims=True)  # what is linear answers to the mean
         states = [actuator_state(commands, step_s=step_s, lag_s=lag_s, delay_s=0.0) for lag_s in LAGS_S]
         thrusts = [chosen(state).mean(axis=1) * tilt for state in states]
         middle = thrusts[len(LAGS_S) // 2]

@@ -54,7 +54,10 @@ class VerticalEquation(AxisEquation):
     def states(
         self, logged: Mapping[str, Float[np.ndarray, "n m"]], signals: Signals, path: Mapping[str, float]
     ) -> Mapping[str, Float[np.ndarray, " n"]]:
-        states = self.input_map(self.driving.state(logged[MAPPED], signals.step_s, **path))
+        command = logged[MAPPED]
+        if self.input_map == Power() and not path.get("asymmetry"):
+            command = mean_of(command)[:, None]  # what is linear answers to the mean
+        states = self.input_map(self.driving.state(command, signals.step_s, **path))
         return {MAPPED: mean_of(states) * signals.channel("cos_tilt")}
 
 
