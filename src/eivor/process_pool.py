@@ -16,7 +16,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from multiprocessing import spawn
@@ -26,6 +25,7 @@ from typing import Any, BinaryIO, TypeVar, cast
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import EivorError, InputError, UsageError
+from eivor.tools import Frozen
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -61,8 +61,7 @@ class _DiedError(Exception):
     """A process that ended before it answered, or ran out of memory: perhaps because of earlier items."""
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(Frozen):
     """Resources of one item; each above zero, else a `UsageError` is raised."""
 
     time_s: float = 600.0  # by the clock
@@ -334,8 +333,7 @@ class Executor(ABC):
         """Result of each item with the item's place, in any order, as they are done; see `in_order`."""
 
 
-@dataclass(frozen=True, slots=True)
-class InProcess(Executor):
+class InProcess(Executor, Frozen):
     """One after another, in this process."""
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Results[Result]:
@@ -345,8 +343,7 @@ class InProcess(Executor):
             yield index, result
 
 
-@dataclass(frozen=True, slots=True)
-class LocalThreads(Executor):
+class LocalThreads(Executor, Frozen):
     """In threads of this process: for tasks that wait for processes of their own, as those of a fleet do."""
 
     workers: int  # at least one, else a `UsageError` is raised
@@ -377,8 +374,7 @@ class LocalThreads(Executor):
             pool.shutdown(cancel_futures=True)
 
 
-@dataclass(frozen=True, slots=True)
-class LocalProcesses(Executor):
+class LocalProcesses(Executor, Frozen):
     """In processes of this computer."""
 
     workers: int  # at least one, else a `UsageError` is raised

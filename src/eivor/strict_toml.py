@@ -7,7 +7,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -16,6 +16,7 @@ import msgspec
 from msgspec import inspect
 
 from eivor.errors import InputError, did_you_mean, nearest_names
+from eivor.tools import Frozen
 
 T = TypeVar("T")
 #: A text that is not empty.
@@ -39,8 +40,7 @@ _PLACE = re.compile(r"(.*?)(?: - at `(?:key in )?\$(.*)`)?", re.DOTALL)
 _STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 
 
-@dataclass(frozen=True, slots=True)
-class TomlTable:
+class TomlTable(Frozen):
     """A table of a file."""
 
     values: Mapping[str, Any]  # Keys and values as read
@@ -190,8 +190,7 @@ def package_tables(package: str, file: str = "sources.toml") -> dict[str, Any]:
 ENDING = ".toml"
 
 
-@dataclass(frozen=True)
-class TomlFiles:
+class TomlFiles(Frozen):
     """Files of one kind: those that come with Eivor in a folder of a package, and a user's own."""
 
     package: str

@@ -22,7 +22,7 @@ from eivor.inference.estimating_equation import Products, products_of_rows
 from eivor.linalg.system import LinearSystem, Solver
 from eivor.models.regression import LinearProblem, Parameter, Regression, SampleRows
 from eivor.models.separable import Prior, SeparableProblem, Values
-from eivor.tools import Float, Int
+from eivor.tools import Float, Frozen, Int
 
 #: A block starts at one of at least so many places within a block's length, where rows allow it.
 STEPS_PER_BLOCK = 8
@@ -32,8 +32,7 @@ FINEST_ATOMS = 4096
 NEGLIGIBLE = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class BlockPlan:
+class BlockPlan(Frozen):
     """Rows in atoms, and atoms in blocks of one length, the record joined end to start."""
 
     rows: int
@@ -206,8 +205,7 @@ def products_by_flight(rows: Regression) -> Products:
 SMALLEST_POWER = 1e-8
 
 
-@dataclass(frozen=True)
-class Replicate:
+class Replicate(Frozen):
     """The estimate of one draw of flights."""
 
     nuisances: Values  # Value of every nuisance
@@ -215,8 +213,7 @@ class Replicate:
     weights: Float[np.ndarray, " T"]
 
 
-@dataclass(frozen=True)
-class PoolFlights:
+class PoolFlights(Frozen):
     """A pool, ready to be estimated again from any draw of its flights."""
 
     flights: tuple[int, ...]  # Numbers of the flights that have rows

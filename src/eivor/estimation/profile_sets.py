@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, reduce
 from itertools import repeat
 from math import inf
@@ -26,14 +26,13 @@ from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.models.separable import ManyValues, Prior, SeparableProblem, Values, values_of
 from eivor.models.spectral import BinRows
 from eivor.signals.signals import stretches
-from eivor.tools import Bool, Float, Int
+from eivor.tools import Bool, Float, Frozen, Int
 
 #: Directions of an interpolation's columns with smaller shares of power are none.
 SMALLEST_POWER = 1e-14
 
 
-@dataclass(frozen=True)
-class NuisanceProducts:
+class NuisanceProducts(Frozen):
     """Q' [phi y], and R with [phi y]' [phi y] = R' R, at any values of the nuisances, by those at nodes."""
 
     weights: Callable[[ManyValues], Float[np.ndarray, "points T"]]
@@ -102,8 +101,7 @@ def _root(
     return result
 
 
-@dataclass(frozen=True)
-class PoolMember:
+class PoolMember(Frozen):
     """Products of one flight."""
 
     problem: SeparableProblem
@@ -149,8 +147,7 @@ Places = Float[np.ndarray, "R k"]
 Edges = Float[np.ndarray, " E"]
 
 
-@dataclass(frozen=True)
-class Criterion:
+class Criterion(Frozen):
     """J of some flights; a scan follows it along the first nuisance, in slices by values of the others."""
 
     members: tuple[PoolMember, ...]
@@ -411,8 +408,7 @@ INDEPENDENT = 1e-6
 SAME = 1e-9
 
 
-@dataclass(frozen=True)
-class ParameterSets:
+class ParameterSets(Frozen):
     """Three 95 % sets of one parameter, or of another level."""
 
     wald: ConfidenceSet  # The estimate plus and minus
@@ -428,8 +424,7 @@ class ParameterSets:
         return union if self.conditional is None else self.conditional
 
 
-@dataclass(frozen=True, slots=True)
-class _Part:
+class _Part(Frozen):
     """What some equations say of the nuisances."""
 
     criterion: Criterion
@@ -437,8 +432,7 @@ class _Part:
     strange: tuple[str, ...]  # Parameters of other equations alone
 
 
-@dataclass(frozen=True)
-class ProfileSets:
+class ProfileSets(Frozen):
     """Confidence sets of linear parameters and of nuisances, from the criterion over the nuisances."""
 
     problem: SeparableProblem

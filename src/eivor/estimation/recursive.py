@@ -21,14 +21,13 @@ from eivor.models.regression import Column, Parameter
 from eivor.models.separable import Prior
 from eivor.models.signal_regression import SignalModel
 from eivor.signals.signals import Signals
-from eivor.tools import Float, Int
+from eivor.tools import Float, Frozen, Int
 
 #: Part of a scaled regressor that the others must leave of it.
 COLLINEAR_SHARE = 1e-10
 
 
-@dataclass(frozen=True, slots=True)
-class References:
+class References(Frozen):
     """Successive estimates that later looks are held against."""
 
     theta: Float[np.ndarray, "W n"]  # The estimates, the newest last
@@ -92,8 +91,7 @@ class ChangeDetector:
             raise UsageError("a limit above the drift", f"{self.limit:g} and {self.drift:g}", remedy)
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
+class Change(Frozen):
     """A change that was identified."""
 
     parameter: str
@@ -101,8 +99,7 @@ class Change:
     upwards: bool
 
 
-@dataclass(frozen=True)
-class Watch:
+class Watch(Frozen):
     """What a detector saw so far."""
 
     references: References | None = None
@@ -352,8 +349,7 @@ LARGEST_SHARE = 0.2
 HELD = 0.25
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
+class Moment(Frozen):
     """What is known of a parameter after a look."""
 
     time_s: float  # On the log's clock [s]
@@ -372,8 +368,7 @@ class Moment:
 Posterior = tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n p"], Float[np.ndarray, "n n"]]
 
 
-@dataclass(frozen=True, slots=True)
-class Follower:
+class Follower(Frozen):
     """What follows one parameter of several."""
 
     index: int

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Protocol, runtime_checkable
 
@@ -17,15 +17,14 @@ from eivor.estimation.moments import FittedNoise
 from eivor.models.regression import lags
 from eivor.models.signal_regression import SignalRegression
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
-from eivor.tools import Bool, Complex, Float, Int
+from eivor.tools import Bool, Complex, Float, Frozen, Int
 
 Pair = Complex[np.ndarray, "2 bins"]
 Pairs = Complex[np.ndarray, "*shape 2 bins"]
 Six = Float[np.ndarray, " 6"]
 
 
-@dataclass(frozen=True)
-class PairSpectrum:
+class PairSpectrum(Frozen):
     """C of each bin, by its entries; of several matrices a bin where these have more axes."""
 
     first: Float[np.ndarray, "*shape bins"]
@@ -112,8 +111,7 @@ class PairedEquations(Protocol):
         """C of one unit of noise of the input, of z', of z'' and of a disturbance that moves the vehicle."""
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseModel:
+class NoiseModel(Frozen):
     """Strengths and orders of the input's noise and of those of the velocity, acceleration, disturbance."""
 
     input_variance: float
@@ -148,8 +146,7 @@ VELOCITY_SHARE, REST_SHARE = 0.8, 0.4
 LEAST_DECLARED = 1e-9
 
 
-@dataclass(frozen=True)
-class NoisePrior:
+class NoisePrior(Frozen):
     """What is known of the noises before they are fitted."""
 
     centre: NoiseModel
@@ -328,8 +325,7 @@ def unitary_bins(values: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " bins"
     return spectrum[1 : -(-count // 2)] / np.sqrt(count)
 
 
-@dataclass(frozen=True)
-class SampledRecord:
+class SampledRecord(Frozen):
     """Spectra of a record of z', z'' and u."""
 
     step_s: float  # Time between samples [s]
@@ -359,8 +355,7 @@ class SampledRecord:
         return np.log(2.0 * np.sin(0.5 * self.angle))
 
 
-@dataclass(frozen=True)
-class SampledMotion:
+class SampledMotion(Frozen):
     """The motion at some parameters."""
 
     record: SampledRecord
@@ -466,8 +461,7 @@ FEWEST_SAMPLES = 64
 PILOT_LAGS = (0, 10)
 
 
-@dataclass(frozen=True)
-class SampledProblem:
+class SampledProblem(Frozen):
     """A record of one motion, sampled evenly."""
 
     problem: SignalRegression

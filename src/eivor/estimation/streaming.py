@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,7 @@ from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.models.regression import Column, RowBlock, check_columns
 from eivor.models.signal_regression import SignalModel, SignalRegression, shared_noise_of_rows
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Float
+from eivor.tools import Bool, Float, Frozen
 
 
 def moments(
@@ -188,8 +188,7 @@ BLOCKS_PER_MEMORY, MEMORIES_KEPT = 24, 8
 BLOCKS_PER_LOOK = 3
 
 
-@dataclass(frozen=True, slots=True)
-class Forgetting:
+class Forgetting(Frozen):
     """How fast rows are forgotten."""
 
     memory: float = DEFAULT_MEMORY  # Sum of the weights of all rows before, 1 / (1 - lambda) [samples]
@@ -225,8 +224,7 @@ class Forgetting:
 NoiseIndices = tuple[tuple[int, int], ...]
 
 
-@dataclass(frozen=True)
-class TimedRows:
+class TimedRows(Frozen):
     """Rows of successive samples."""
 
     columns: Float[np.ndarray, "samples columns"]  # [psi phi y noise counted]
@@ -296,8 +294,7 @@ def counted_rows(
     return TimedRows(np.column_stack([columns, used]), psi.shape[1], right.shape[1], positions)
 
 
-@dataclass(frozen=True)
-class WeightedBlockSums:
+class WeightedBlockSums(Frozen):
     """Weighted sums of blocks of rows. Performs no checks."""
 
     packed: Float[np.ndarray, "K w"]  # Of products, of noises, of weights, and of squared weights
@@ -350,8 +347,7 @@ def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int) -> Weight
     return WeightedBlockSums(packed, width, rows.tested)
 
 
-@dataclass(frozen=True)
-class ExponentiallyWeightedProducts:
+class ExponentiallyWeightedProducts(Frozen):
     """Products of all rows so far, exponentially weighted."""
 
     forgetting: Forgetting

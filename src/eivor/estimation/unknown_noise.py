@@ -26,7 +26,7 @@ from eivor.models.regression import Column, Parameter, Regression
 from eivor.models.signal_regression import SignalRegression, shared_noise
 from eivor.signals.channels import unit_of
 from eivor.signals.noise import LARGEST_ORDER, FractionalNoise, MeasurementNoise, WhiteNoise
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 #: Lags of a regressor that has white noise, and of one whose noise has an order, the present one beside them.
 WHITE_LAGS = 2
@@ -93,8 +93,7 @@ DEGREE = 14
 FIRST_ORDER = -0.1
 
 
-@dataclass(frozen=True, slots=True)
-class UnknownNoise:
+class UnknownNoise(Frozen):
     """Noise of one channel."""
 
     channel: str
@@ -108,8 +107,7 @@ class UnknownNoise:
         return (strength, Parameter(f"noise_order_{self.channel}")) if self.fractional else (strength,)
 
 
-@dataclass(frozen=True)
-class SharedMoments:
+class SharedMoments(Frozen):
     """Moments of a problem that unknown noises are a part of."""
 
     problem: SignalRegression
@@ -183,8 +181,7 @@ NOTHING = 1e-8
 CONTRADICTION = 1e-3
 
 
-@dataclass(frozen=True)
-class NoiseEstimatingIV(Method):
+class NoiseEstimatingIV(Method, Frozen):
     """Generalized instrumental variables that estimate the noises that nothing is declared of."""
 
     name: str  # The word that results use

@@ -21,11 +21,10 @@ from eivor.inference.diagnostics.record import whitening
 from eivor.inference.regions import ConfidenceRegion
 from eivor.models.regression import LinearProblem, Parameter, RowLayout, SampleRows
 from eivor.models.signal_regression import SignalRegression
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 
-@dataclass(frozen=True)
-class MomentRows:
+class MomentRows(Frozen):
     """Test functions, columns and noises of ``mean psi_t (y_t - phi_t' theta) + C theta - c``."""
 
     parameters: tuple[Parameter, ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import SeparableProblem, Values, values_of
 from eivor.models.spectral import BinRows, SpectralRegression
-from eivor.tools import Complex, Float, Int
+from eivor.tools import Complex, Float, Frozen, Int
 
 Vector = Float[np.ndarray, " n"]
 PerBin = Float[np.ndarray, " bins"]
@@ -41,16 +41,14 @@ class EquationWeighting(ABC):
         """Equations weighted for the first pass, or by the residuals of the pass before, at its theta."""
 
 
-@dataclass(frozen=True, slots=True)
-class Unweighted(EquationWeighting):
+class Unweighted(EquationWeighting, Frozen):
     """Every equation with weight one, as in the paper's (24) and (30)."""
 
     def equations(self, system: LinearSystem, *_: object) -> Weighted:
         return system, None
 
 
-@dataclass(frozen=True, slots=True)
-class TwoStage(EquationWeighting):
+class TwoStage(EquationWeighting, Frozen):
     """Weight by the inverse of mean(psi psi'): two-stage least squares, efficient for white errors."""
 
     def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
@@ -66,8 +64,7 @@ def _cross_moments(moments: Moments) -> CrossMoments:
     return moments
 
 
-@dataclass(frozen=True, slots=True)
-class TwoStepRobust(EquationWeighting):
+class TwoStepRobust(EquationWeighting, Frozen):
     """Two-stage first, then weight by the covariance of the equations at its residuals: two-step GMM."""
 
     bandwidth: int | None = None  # Lags of the Bartlett kernel. Default: 4 (N/100)^(2/9) (Newey and West)
@@ -120,8 +117,7 @@ def divided(system: LinearSystem, L: Float[np.ndarray, "p p"]) -> LinearSystem:
 EXACT = 1e-12
 
 
-@dataclass(frozen=True, slots=True)
-class LimitedInformation(EquationWeighting):
+class LimitedInformation(EquationWeighting, Frozen):
     """Two-stage weights, and the columns' errors for a solver that takes them into account."""
 
     def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
@@ -149,8 +145,7 @@ class LimitedInformation(EquationWeighting):
         return made, L
 
 
-@dataclass(frozen=True, slots=True)
-class WeightedRows:
+class WeightedRows(Frozen):
     """A problem's rows with weights of one pass: rows in time, as they are."""
 
     problem: SeparableProblem
@@ -188,8 +183,7 @@ class RowWeighting(ABC):
         """Rows weighted by the residuals of an estimate, for good."""
 
 
-@dataclass(frozen=True, slots=True)
-class EqualRows(RowWeighting):
+class EqualRows(RowWeighting, Frozen):
     """Every row in time with weight one."""
 
     needs_spectra = False
@@ -214,7 +208,6 @@ BATCH_NUMBERS = 4_000_000
 RunSums = tuple[Int[np.ndarray, " f"], Int[np.ndarray, " m"], Float[np.ndarray, "T q b"], np.ndarray]
 
 
-@dataclass(frozen=True)
 class WhitenedRows(WeightedRows):
     """Blend and power at each bin, and the whitened instruments' orthonormal basis."""
 
@@ -299,8 +292,7 @@ class WhitenedRows(WeightedRows):
         return replace(whitened_by_residuals(self.problem, theta, nuisances), renewals=self.renewals - 1)
 
 
-@dataclass(frozen=True, slots=True)
-class SpectralWhitening(RowWeighting):
+class SpectralWhitening(RowWeighting, Frozen):
     """Blend two responses and whiten all columns, with orthonormal instruments (so two-stage as well)."""
 
     def first_pass(self, problem: SeparableProblem) -> WhitenedRows:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,13 +12,13 @@ from eivor.inference.verdict import Status
 from eivor.motions.vertical import model as vertical
 from eivor.signals.channels import CurveSide
 from eivor.signals.thrust_map import InputMap, Mixed, Power
+from eivor.tools import Frozen
 
 #: Quantities that parameters are made of, and what parameters of the first are.
 HOVER, CURVE, HOVER_WORDS = "hover_input", "thrust_curve", "hover throttle"
 
 
-@dataclass(frozen=True, slots=True)
-class Autopilot:
+class Autopilot(Frozen):
     """What an autopilot calls hover and thrust curve."""
 
     name: str
@@ -160,8 +159,7 @@ def mission_planner(comments: Iterable[str], values: Mapping[str, float]) -> str
 PARAMETERS = frozenset(item.name for pilot in (PX4, ARDUPILOT) for item in (pilot.hover, pilot.curve))
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterChange:
+class ParameterChange(Frozen):
     """A parameter that a log has, beside what a result says of it."""
 
     parameter: vertical.AutopilotParameter

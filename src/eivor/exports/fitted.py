@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from eivor import checks
 from eivor.errors import NotIdentifiedError, UsageError
@@ -16,6 +16,7 @@ from eivor.motions.machine import Machine
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.signals.channels import CurveSide
 from eivor.signals.thrust_map import InputMap, input_map
+from eivor.tools import Frozen
 
 #: Longer strings are cut: some readers of parameters have lines of bounded length.
 LONGEST = 400
@@ -72,8 +73,7 @@ def known_number(value: float, std: float = 0.0) -> KnownNumber:
     return KnownNumber(value, std)
 
 
-@dataclass(frozen=True, slots=True)
-class Supplied:
+class Supplied(Frozen):
     """What a user knows beside the flight."""
 
     mass: KnownNumber | None = None  # [kg]
@@ -105,8 +105,7 @@ class Supplied:
                 raise UsageError(f"priors that {target} uses ({useful})", f"'{name}'", "Leave it out.")
 
 
-@dataclass(frozen=True, slots=True)
-class Number:
+class Number(Frozen):
     """A number that is written, with what stands beside it."""
 
     value: float
@@ -124,8 +123,7 @@ class Number:
         return f"{self.value:.6g}, 95 % interval [{low:.6g}, {high:.6g}], {self.source}"
 
 
-@dataclass(frozen=True)
-class Fitted:
+class Fitted(Frozen):
     """A result as exports see it."""
 
     model: str  # Name of the motion in documents
@@ -228,8 +226,7 @@ class Fitted:
         return f" Or write them with their verdict: --accept {worst.value}." if worst else ""
 
 
-@dataclass(frozen=True, slots=True)
-class Exported:
+class Exported(Frozen):
     """A file's content."""
 
     text: str | bytes
@@ -237,8 +234,7 @@ class Exported:
     lost: tuple[str, ...] = ()  # What is identified and the target cannot hold
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
+class Target(Frozen):
     """A file format of those who use the numbers."""
 
     name: str  # Its word on the command line

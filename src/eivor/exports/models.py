@@ -6,7 +6,7 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, spe
 from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import Mixed, Power
 from eivor.simulation.rigid_body import quaternions
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 #: What the arrays of the vertical motion are made of.
 NEEDED = ("viscous_friction", "input_gain", "hover_input")
@@ -33,8 +33,7 @@ TURNING = {"roll": "x", "pitch": "y", "yaw": "z"}
 KINDS = ("effectiveness", "damping")
 
 
-@dataclass(frozen=True)
-class StateSpace:
+class StateSpace(Frozen):
     """x' = A x + B u(t - delay), y = C x + D u."""
 
     A: Float[np.ndarray, "n n"]
@@ -183,8 +182,7 @@ def _change(c: Coefficients, state: Float[np.ndarray, " n"], command: Float[np.n
     return np.array([*change[3:6], *angles, *change[10:13], *spin_up], dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class _MachineEquations:
+class _MachineEquations(Frozen):
     """Equations of a declared machine with numbers, x' = f(x, u(t - delay))."""
 
     numbers: dict[str, Number]

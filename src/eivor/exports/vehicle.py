@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cache
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,7 @@ from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import InputMap
 from eivor.simulation.rigid_body import STILL, runge_kutta
 from eivor.strict_toml import package_tables
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -56,8 +56,7 @@ BEYOND = ("translational_lift", "rotor_inertia")
 HEIGHT = "drag_height"
 
 
-@dataclass(frozen=True)
-class SimulatorNumber:
+class SimulatorNumber(Frozen):
     """A number of the vehicle."""
 
     number: Number
@@ -129,8 +128,7 @@ LEAST = {"actuator_lag": 1e-3} | dict.fromkeys((*DRAGS, *TORQUES, *QUADRATIC, *B
 LEAST_SHARE = 0.01
 
 
-@dataclass(frozen=True)
-class VehicleDescription:
+class VehicleDescription(Frozen):
     """A vehicle for a simulator."""
 
     vehicle: KnownVehicle

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from eivor.inference.random_effects import Groups, PerGroup, Rows
-from eivor.tools import Bool, Float, Int
+from eivor.tools import Bool, Float, Frozen, Int
 
 
-@dataclass(frozen=True)
-class Ordered:
+class Ordered(Frozen):
     """Estimates in the order of their groups."""
 
     groups: Groups
@@ -74,8 +72,7 @@ def deviation_p_values(ordered: Ordered, line: Rows, leverage: Rows, parameters:
     return p_values
 
 
-@dataclass(frozen=True)
-class Drifts:
+class Drifts(Frozen):
     """Straight lines."""
 
     slope: PerGroup
@@ -239,8 +236,7 @@ NO_NEWS = 0.02
 POSITIONS = 7.352
 
 
-@dataclass(frozen=True)
-class BestSteps:
+class BestSteps(Frozen):
     """The best place of a step in each group."""
 
     index: Int[np.ndarray, " groups"]

@@ -10,7 +10,7 @@ import re
 import stat
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, lru_cache
 from itertools import chain, islice, takewhile
 from pathlib import Path, PurePosixPath
@@ -23,6 +23,7 @@ from eivor.logs.common import FolderParts
 from eivor.logs.mapping import fitting_map
 from eivor.logs.read import FURTHER_ENDINGS, folder_parts, format_at, is_address, log_formats, path_of
 from eivor.logs.table.delimited import DELIMITERS, open_csv
+from eivor.tools import Frozen
 
 
 def _elsewhere(given: str) -> LogsFound:
@@ -98,8 +99,7 @@ PAGE_LOGS = 500
 LOG_SCHEMA = dict.fromkeys(("name", "path", "metadata", "sha256", "problem"), pl.String) | {"path": pl.Binary}
 
 
-@dataclass(frozen=True, slots=True)
-class Log:
+class Log(Frozen):
     """A log of a fleet."""
 
     path: str
@@ -109,8 +109,7 @@ class Log:
     problem: str = ""
 
 
-@dataclass(frozen=True)
-class LogList:
+class LogList(Frozen):
     """Logs in the order of their names, each once."""
 
     table: pl.DataFrame  # Columns of `LOG_SCHEMA`, and others; `sha256` is null where it is not known
@@ -228,8 +227,7 @@ def files_below(folder: Path, note: Callable[[OSError], None]) -> Generator[tupl
             note(error)
 
 
-@dataclass(frozen=True, slots=True)
-class LogsFound:
+class LogsFound(Frozen):
     """Logs among files."""
 
     logs: LogList

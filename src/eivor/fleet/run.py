@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, closing, nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +22,10 @@ from eivor.fleet import table
 from eivor.fleet.logs import Log, LogList, LogsFound
 from eivor.logs.common import folder_sha256, folder_size
 from eivor.logs.read import DEFAULT_MAX_BYTES, folder_parts, is_address, is_local, path_of
-from eivor.tools import ItemsDone, no_items_callback
+from eivor.tools import Frozen, ItemsDone, no_items_callback
 
 
-@dataclass(frozen=True, slots=True)
-class Shard:
+class Shard(Frozen):
     """The task."""
 
     folder: table.FleetFolder  # where the rows go
@@ -108,8 +107,7 @@ TASKS, MOST_LOGS = 100, 200
 MERGE_S, MERGE_TIMES = 60.0, 20.0
 
 
-@dataclass(frozen=True, slots=True)
-class FleetRun:
+class FleetRun(Frozen):
     """What a run has done."""
 
     logs: int  # logs that were found, each of which has a row

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, cast
 
@@ -39,7 +39,7 @@ from eivor.models import separable
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, of_order
 from eivor.models.separable import NoInstruments
 from eivor.signals.recording import Finding, Recording
-from eivor.tools import Float, Progress, Stage, no_stage_callback
+from eivor.tools import Float, Frozen, Progress, Stage, no_stage_callback
 
 #: Role of the commands among the rates of a selection.
 COMMAND = "command"
@@ -93,8 +93,7 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
 LagMeasurements = Callable[[], tuple[LagPrior, ...]]
 
 
-@dataclass(frozen=True)
-class FlightState:
+class FlightState(Frozen):
     """What the stages of an identification read and make."""
 
     motion: Motion[Any]

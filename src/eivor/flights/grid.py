@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from math import ceil, floor
 
@@ -13,7 +13,7 @@ from eivor.errors import InputError
 from eivor.signals.channels import canonical_channel
 from eivor.signals.recording import GRAVITY, ROTARY_WING, Channel, Frame, MadeChannels, Recording
 from eivor.signals.signals import stretches
-from eivor.tools import Bool, Float, Int
+from eivor.tools import Bool, Float, Frozen, Int
 
 #: Values on a grid or at stamps, and which of them something is true of.
 Series = Float[np.ndarray, " n"]
@@ -78,8 +78,7 @@ LONGEST_S = 6 * 3600.0
 FURTHEST_S = 1e12
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(Frozen):
     """Sample times ``start_s + k * step_s``, for every k of the pieces."""
 
     start_s: float  # Time of k = 0 [s]
@@ -291,8 +290,7 @@ HEIGHT_KNOWN_SHARE = 0.5
 AIRBORNE_MARGIN_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Active:
+class Active(Frozen):
     """Where the vehicle does what a motion describes (where it flies), and how that is known."""
 
     mask: Mask  # True where it does; in the air, margins left out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from math import ceil
 from typing import Any, Generic, TypeVar
 
@@ -25,7 +25,7 @@ from eivor.models.separable import InstrumentRule, SeparableProblem, Values
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Finding, Recording
 from eivor.strict_toml import package_tables
-from eivor.tools import Float, Int
+from eivor.tools import Float, Frozen, Int
 
 #: How far ahead predictions look [s].
 HORIZONS_S = (0.1, 0.2, 0.3, 0.4, 0.5)
@@ -41,8 +41,7 @@ FIT, UNCHANGED = "fit", "unchanged"
 Derivative = Callable[[Float[np.ndarray, "parts starts"], Int[np.ndarray, " starts"]], np.ndarray]
 
 
-@dataclass(frozen=True)
-class HorizonErrors:
+class HorizonErrors(Frozen):
     """What one model leaves of one quantity after each horizon."""
 
     model: str  # The model's name
@@ -72,8 +71,7 @@ def _rms(values: Float[np.ndarray, " n"]) -> float:
     return float(np.sqrt(np.mean(values[np.isfinite(values)] ** 2)))
 
 
-@dataclass(frozen=True)
-class MultiStepPrediction:
+class MultiStepPrediction(Frozen):
     """Predictions of flights by several models."""
 
     errors: tuple[HorizonErrors, ...]  # Of every quantity: by the fit, then by each simpler model
@@ -128,8 +126,7 @@ class MultiStepPrediction:
         return "".join(f" '{words}' leaves less of {', '.join(names)}." for words, names in less.items())
 
 
-@dataclass(frozen=True)
-class Starts:
+class Starts(Frozen):
     """Where predictions of a flight start."""
 
     samples: Int[np.ndarray, " starts"]
@@ -220,8 +217,7 @@ Solver = Callable[[P], Estimate]
 Flights = tuple[PreparedFlight, ...]
 
 
-@dataclass(frozen=True)
-class LogChannels:
+class LogChannels(Frozen):
     """What a motion reads of a log."""
 
     inputs: tuple[InputFamily, ...]  # What may drive the vehicle, in order of preference
@@ -234,8 +230,7 @@ class LogChannels:
     vehicle_parameters: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class VehicleSupport:
+class VehicleSupport(Frozen):
     """A motion that depends on a description of the vehicle."""
 
     #: The motion of a vehicle, by the name of a shipped one or a file; None where all vehicles are alike
@@ -244,8 +239,7 @@ class VehicleSupport:
     restore: Callable[[object], Motion[Any]]  # The motion of the vehicle that a result holds
 
 
-@dataclass(frozen=True)
-class SensorComparison(Generic[P]):
+class SensorComparison(Generic[P], Frozen):
     """A motion with two measurements of one response."""
 
     #: None where flights have but one
@@ -255,8 +249,7 @@ class SensorComparison(Generic[P]):
     corrected: Callable[[Flights, SensorAgreement, FlightOptions], Flights] = lambda flights, *_: flights
 
 
-@dataclass(frozen=True)
-class Resampling(Generic[P]):
+class Resampling(Generic[P], Frozen):
     """A motion whose replicates of a pool are more than its parameters."""
 
     #: Over the samples of each flight
@@ -265,8 +258,7 @@ class Resampling(Generic[P]):
     quantities: Callable[[P, Values, Values, Values], Mapping[str, float]]
 
 
-@dataclass(frozen=True)
-class Prediction(Generic[P]):
+class Prediction(Generic[P], Frozen):
     """A motion that predicts flights."""
 
     #: To hold an estimate against
@@ -281,8 +273,7 @@ class Prediction(Generic[P]):
     output_error: Callable[[Any, Estimate, Flights], tuple[Estimate, tuple[Finding, ...]]] | None = None
 
 
-@dataclass(frozen=True)
-class Abilities:
+class Abilities(Frozen):
     """What only some motions can do."""
 
     vehicle: VehicleSupport | None = None
@@ -321,8 +312,7 @@ class Abilities:
     coupled_axes: tuple[CoupledAxis, ...] = ()  # Quantities that other motions identify, with this lag
 
 
-@dataclass(frozen=True)
-class FlightView:
+class FlightView(Frozen):
     """A flight in reports."""
 
     symbols: str  # What the symbols of the equation are in this flight
@@ -374,8 +364,7 @@ class Motion(ABC, Generic[P]):
         """Return what a report shows of a flight."""
 
 
-@dataclass(frozen=True)
-class MotionTables:
+class MotionTables(Frozen):
     """What users read of a motion, and what it reads of logs: the file beside its code."""
 
     equation: tuple[str, str]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ from eivor.signals.channels import CurveSide, family_members
 from eivor.signals.filters import CAUGHT_UP_S, actuator_state, rate_limited, shifted_by
 from eivor.signals.recording import ROTARY_WING, VTOL, Channel, Finding, Recording
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Float, Int
+from eivor.tools import Bool, Float, Frozen, Int
 
 # -- Agreement --
 
@@ -39,8 +39,7 @@ AVERAGES = 16
 REPORTED = 0.004
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
+class Difference(Frozen):
     """How far two measurements differ in one way."""
 
     value: float
@@ -63,8 +62,7 @@ class Difference:
         return t_quantile(0.95, AVERAGES) * self.std_error
 
 
-@dataclass(frozen=True, slots=True)
-class SensorAgreement:
+class SensorAgreement(Frozen):
     """In which ways two measurements of one response differ."""
 
     differences: Mapping[str, Difference]
@@ -143,8 +141,7 @@ def estimated(problem: GivenBins, least: Mapping[str, float]) -> tuple[SensorAgr
 LARGEST_INPUT_RATIO = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class InputFamily:
+class InputFamily(Frozen):
     """Channels that may drive a vehicle, one for each actuator or one for all."""
 
     name: str  # The channel, or what stands before the actuators' numbers ("rotor_command")
@@ -161,8 +158,7 @@ class InputFamily:
         return actuator_state(logged, step_s=step_s, **path)
 
 
-@dataclass(frozen=True)
-class Selection:
+class Selection(Frozen):
     """Channels of one log by their role."""
 
     #: What drives the vehicle. After a gap in it the actuator's state is not known for a while.
@@ -342,8 +338,7 @@ class CommandLimit(NamedTuple):
     value: float  # The largest rate [1/s], or the largest command
 
 
-@dataclass(frozen=True)
-class PreparedFlight:
+class PreparedFlight(Frozen):
     """A flight on its grid."""
 
     recording: Recording  # The log, z up

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -13,11 +13,10 @@ from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import Prior
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 
-@dataclass(frozen=True, slots=True)
-class Covariate:
+class Covariate(Frozen):
     """What a quantity goes with."""
 
     name: str  # Column of a fleet's table
@@ -25,8 +24,7 @@ class Covariate:
     uncertainty: float = math.inf
 
 
-@dataclass(frozen=True, slots=True)
-class AcrossFlights:
+class AcrossFlights(Frozen):
     """A quantity that flights of one vehicle share but for chance."""
 
     name: str
@@ -48,8 +46,7 @@ class Counts(Enum):
     FACTOR = "factor"  # The interval is so many times as long, before anything else is added
 
 
-@dataclass(frozen=True, slots=True)
-class SystematicUncertainty:
+class SystematicUncertainty(Frozen):
     """What one systematic cause may do to a quantity."""
 
     counts: Counts
@@ -80,8 +77,7 @@ def widened(
     return low, high
 
 
-@dataclass(frozen=True, slots=True)
-class CoupledAxis:
+class CoupledAxis(Frozen):
     """A quantity of another motion of the same flight that belongs to a motion's result."""
 
     motion: str
@@ -92,8 +88,7 @@ class CoupledAxis:
     needs: Mapping[str, tuple[str, ...]]
 
 
-@dataclass(frozen=True, slots=True)
-class Implied:
+class Implied(Frozen):
     """One such number, or why it does not follow."""
 
     name: str
@@ -108,8 +103,7 @@ class Implied:
     needs: tuple[str, ...] = ()  # Quantities that it rests on: its verdict is no better than theirs
 
 
-@dataclass(frozen=True, slots=True)
-class Implications:
+class Implications(Frozen):
     """All of them."""
 
     numbers: tuple[Implied, ...] = ()
@@ -128,8 +122,7 @@ class Horizon(Enum):
         return {"one_step": "one step ahead", "open_loop": "in open loop"}[self.value]
 
 
-@dataclass(frozen=True)
-class PredictedQuantity:
+class PredictedQuantity(Frozen):
     """A measured quantity over the samples of all runs, run after run, and what given numbers say of it."""
 
     horizon: Horizon
@@ -139,8 +132,7 @@ class PredictedQuantity:
     predicted: Float[np.ndarray, " samples"]
 
 
-@dataclass(frozen=True, slots=True)
-class KeyFigure:
+class KeyFigure(Frozen):
     """A number of flights that is no quantity of the motion: it has no verdict, and decides nothing."""
 
     name: str
@@ -151,16 +143,14 @@ class KeyFigure:
     sentence: str = ""  # What it means, or holds for
 
 
-@dataclass(frozen=True, slots=True)
-class SimpleModel:
+class SimpleModel(Frozen):
     """Numbers that a simpler way of looking at the same flight gives, to be held against an estimate."""
 
     words: str
     values: Mapping[str, float]  # Every linear parameter and every nuisance
 
 
-@dataclass(frozen=True)
-class Trace:
+class Trace(Frozen):
     """One axis over the samples of all runs, run after run: what was measured and what the model says."""
 
     axis: str  # What is measured, in words
@@ -174,8 +164,7 @@ class Trace:
     band_hz: tuple[float, float] | None = None
 
 
-@dataclass(frozen=True)
-class PlotData:
+class PlotData(Frozen):
     """A series of a flight to look at, whether or not something could be estimated."""
 
     label: str  # With its unit
@@ -183,8 +172,7 @@ class PlotData:
     reference: Float[np.ndarray, " n"] | None = None  # What was requested of the vehicle, in the same unit
 
 
-@dataclass(frozen=True)
-class TrackedParameter:
+class TrackedParameter(Frozen):
     """A parameter that is followed over a flight, and the rows that identify it."""
 
     name: str
@@ -194,8 +182,7 @@ class TrackedParameter:
     descriptions: tuple[str, ...]  # The same in sentences
 
 
-@dataclass(frozen=True, slots=True)
-class Words:
+class Words(Frozen):
     """How reports speak of a motion."""
 
     title: str  # Name of the motion, as a heading
@@ -232,8 +219,7 @@ class Words:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class CardSection:
+class CardSection(Frozen):
     """One part of a flight card."""
 
     title: str  # A few words
@@ -244,8 +230,7 @@ NAN = float("nan")
 NO_INTERVAL = (float("-inf"), float("inf"))
 
 
-@dataclass(frozen=True, slots=True)
-class QuantitySpec:
+class QuantitySpec(Frozen):
     """How a quantity is called, measured, shown and used."""
 
     words: str  # In words
@@ -301,8 +286,7 @@ class QuantityTable(dict[str, QuantitySpec]):
         return tuple(spec.across for spec in self.values() if spec.across is not None)
 
 
-@dataclass(frozen=True, slots=True)
-class QuantityEstimate:
+class QuantityEstimate(Frozen):
     """A number with its interval, and no verdict yet."""
 
     value: float  # NaN when it could not be estimated
@@ -333,7 +317,6 @@ class QuantityEstimate:
         return Quantity(*known, self.systematic_uncertainties, judgement.status, judgement.reasons)
 
 
-@dataclass(frozen=True, slots=True)
 class Quantity(QuantityEstimate):
     """One result: the number with its verdict."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,7 +16,7 @@ from eivor.signals.filters import lagged_between_stamps
 from eivor.signals.noise import LARGEST_STD
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
 from eivor.signals.signals import stretches
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 #: In place of numbers: noises are read off each channel's fastest part.
 ESTIMATE = "estimate"
@@ -27,8 +27,7 @@ COMBS = 24
 Declared = float | DataSheet
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseLevel:
+class NoiseLevel(Frozen):
     """Noise of one channel."""
 
     std: float  # Standard deviation on the grid, in the channel's unit
@@ -182,8 +181,7 @@ CONSTANT_SHARE = 1e-6
 CONSTANT = "constant"
 
 
-@dataclass(frozen=True, slots=True)
-class ReferenceSource:
+class ReferenceSource(Frozen):
     """A channel that a motion offers as an instrument."""
 
     channel: str  # Name
@@ -202,8 +200,7 @@ class ReferenceSource:
     distant: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Reference:
+class Reference(Frozen):
     """One candidate instrument."""
 
     name: str

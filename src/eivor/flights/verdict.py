@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from typing import Any
 
@@ -19,7 +19,7 @@ from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Cause, Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_LAG, STAGES
 from eivor.models.separable import InstrumentRule, NoInstruments
-from eivor.tools import plain
+from eivor.tools import Frozen, plain
 
 # -- Inputs --
 
@@ -29,8 +29,7 @@ LEAST_FACTOR = 0.02
 SLOW_COMMAND_HZ = 45.0
 
 
-@dataclass(frozen=True, slots=True)
-class Instruments:
+class Instruments(Frozen):
     """Instruments of a method."""
 
     rule: InstrumentRule
@@ -46,8 +45,7 @@ class Instruments:
         return isinstance(self.rule, NoInstruments)
 
 
-@dataclass(frozen=True, slots=True)
-class MotionChecks:
+class MotionChecks(Frozen):
     """What a motion alone finds out about an estimate: for its rules, for reports and for documents."""
 
     @property
@@ -61,8 +59,7 @@ class MotionChecks:
         return ()
 
 
-@dataclass(frozen=True, slots=True)
-class VerdictInputs:
+class VerdictInputs(Frozen):
     """What rules and systematic parts read."""
 
     flights: tuple[PreparedFlight, ...]  # Those used
@@ -157,8 +154,7 @@ NEGLIGIBLE = 1e-3
 DOUBTFUL = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class SystematicPart:
+class SystematicPart(Frozen):
     """A row of a motion's table: what one cause may do to some quantities."""
 
     quantities: tuple[str, ...]
@@ -283,8 +279,7 @@ def systematic_uncertainties(
     return results
 
 
-@dataclass(frozen=True, slots=True)
-class Rule:
+class Rule(Frozen):
     """A row of a motion's table: when a sentence speaks against some quantities, and what to do."""
 
     quantities: tuple[str, ...]  # None are all
@@ -326,8 +321,7 @@ def reasons_by_quantity(
 # -- Limits of intervals --
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
+class Limit(Frozen):
     """How wide the interval of a quantity may be: half of it, as a share of the value or in its unit."""
 
     identified: float = 0.0  # Share of the value

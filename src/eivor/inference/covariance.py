@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import lru_cache
 from operator import methodcaller
 from typing import ClassVar, final
@@ -17,7 +17,7 @@ from eivor import checks
 from eivor.errors import EstimationError, UsageError
 from eivor.inference.distributions import normal_quantile, t_quantile, t_tail
 from eivor.inference.estimating_equation import EstimatingEquation, singular_sensitivity
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 Vector = Float[np.ndarray, " n"]
 Block = Float[np.ndarray, "_ n"]
@@ -42,8 +42,7 @@ class Kernel(ABC):
         return bandwidth + 1.0 if self.ends else bandwidth
 
 
-@dataclass(frozen=True, slots=True)
-class Bartlett(Kernel):
+class Bartlett(Kernel, Frozen):
     """1 - x (Newey and West 1987)."""
 
     name = "bartlett"
@@ -52,8 +51,7 @@ class Bartlett(Kernel):
         return np.maximum(1.0 - x, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Parzen(Kernel):
+class Parzen(Kernel, Frozen):
     """1 - 6 x^2 + 6 x^3 up to 1/2, 2 (1 - x)^3 up to 1 (Gallant 1987)."""
 
     name = "parzen"
@@ -63,8 +61,7 @@ class Parzen(Kernel):
         return np.where(x <= 0.5, near, 2.0 * np.maximum(1.0 - x, 0.0) ** 3)
 
 
-@dataclass(frozen=True, slots=True)
-class QuadraticSpectral(Kernel):
+class QuadraticSpectral(Kernel, Frozen):
     """3/z^2 (sin z / z - cos z) with z = 6 pi x / 5 (Andrews 1991); it has no end."""
 
     name = "quadratic_spectral"
@@ -132,8 +129,7 @@ class Bandwidth(ABC):
         """Bandwidth in lags, for so many scores, which are given in blocks, anew in each call."""
 
 
-@dataclass(frozen=True, slots=True)
-class FixedBandwidth(Bandwidth):
+class FixedBandwidth(Bandwidth, Frozen):
     """Chosen by the user, in lags: zero or more."""
 
     bandwidth: float | int
@@ -147,24 +143,21 @@ class FixedBandwidth(Bandwidth):
         return float(self.bandwidth)
 
 
-@dataclass(frozen=True, slots=True)
-class NeweyWestRule(Bandwidth):
+class NeweyWestRule(Bandwidth, Frozen):
     """4 (N/100)^(2/9), the rule of thumb that goes with Newey and West (1994)."""
 
     def lags(self, _blocks: Blocks, count: int, _kernel: Kernel, /) -> float:
         return float(newey_west_bandwidth(count))
 
 
-@dataclass(frozen=True, slots=True)
-class SquareRootRule(Bandwidth):
+class SquareRootRule(Bandwidth, Frozen):
     """1.3 sqrt(N), which asks for fixed-b critical values (Lazarus, Lewis, Stock and Watson 2018)."""
 
     def lags(self, _blocks: Blocks, count: int, _kernel: Kernel, /) -> float:
         return 1.3 * float(np.sqrt(count)) - 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class AndrewsRule(Bandwidth):
+class AndrewsRule(Bandwidth, Frozen):
     """Andrews' (1991) plug-in rule: as if each score, of variance one, were a first-order autoregression."""
 
     def lags(self, blocks: Blocks, count: int, kernel: Kernel) -> float:
@@ -198,8 +191,7 @@ def newey_west_bandwidth(count: int) -> int:
 LARGEST_VARIANCE = 1e250
 
 
-@dataclass(frozen=True)
-class CovariancePart:
+class CovariancePart(Frozen):
     """Covariance under one assumption on the residual, and what its intervals are read from."""
 
     name: str
@@ -227,8 +219,7 @@ class CovariancePart:
         return t_tail(value / std_error, self.degrees) if std_error else float(value == 0.0)
 
 
-@dataclass(frozen=True)
-class JointCovariance:
+class JointCovariance(Frozen):
     """Covariances of one vector of estimates; intervals are the widest that one of them asks for."""
 
     parts: tuple[CovariancePart, ...]
@@ -285,8 +276,7 @@ def column_scale(matrix: Float[np.ndarray, "m n"]) -> Vector:
     return unit_scale(np.einsum("ij,ij->j", matrix, matrix))
 
 
-@dataclass(frozen=True, slots=True)
-class JointEstimate:
+class JointEstimate(Frozen):
     """A vector of estimates with its covariance."""
 
     values: Vector
@@ -394,8 +384,7 @@ def check_covariance_estimator(estimator: object) -> None:
     checks.kind("covariance", estimator, CovarianceEstimator, "one of eivor.covariances", remedy)
 
 
-@dataclass(frozen=True, slots=True)
-class Classical(CovarianceEstimator):
+class Classical(CovarianceEstimator, Frozen):
     """V = s^2 P'P: residuals are white, all of one variance, and independent of the test functions.
 
     Those of compensated equations are not: there the instruments share noise with the residual, and this
@@ -413,8 +402,7 @@ class Classical(CovarianceEstimator):
         return (_part("classical", equation, variance * products),)
 
 
-@dataclass(frozen=True, slots=True)
-class HeteroskedasticityRobust(CovarianceEstimator):
+class HeteroskedasticityRobust(CovarianceEstimator, Frozen):
     """V = sum s_t s_t' (White 1980): scores are uncorrelated, their variance may change."""
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
@@ -424,8 +412,7 @@ class HeteroskedasticityRobust(CovarianceEstimator):
         return (_part("heteroskedasticity_robust", equation, products),)
 
 
-@dataclass(frozen=True, slots=True)
-class EqualWeightedCosines(CovarianceEstimator):
+class EqualWeightedCosines(CovarianceEstimator, Frozen):
     """V from equal-weighted cosine averages of the scores (Lazarus, Lewis, Stock and Watson 2018).
 
     The number of averages B, one at least, is that of degrees of freedom. The default of 8 sees correlation
@@ -447,8 +434,7 @@ class EqualWeightedCosines(CovarianceEstimator):
         return (_part("equal_weighted_cosines", equation, meat, degrees),)
 
 
-@dataclass(frozen=True, slots=True)
-class ClusteredByFlight(CovarianceEstimator):
+class ClusteredByFlight(CovarianceEstimator, Frozen):
     """V from the sums of each of ten flights or more: any dependence within a flight, none between."""
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
@@ -469,8 +455,7 @@ class ClusteredByFlight(CovarianceEstimator):
         return (_part("clustered", equation, meat, float(flights - 1)),)
 
 
-@dataclass(frozen=True, slots=True)
-class Widest(CovarianceEstimator):
+class Widest(CovarianceEstimator, Frozen):
     """Several covariances; an interval is the widest that one asks for. Correlations are the first's."""
 
     estimators: tuple[CovarianceEstimator, ...]
@@ -532,8 +517,7 @@ ROW_COVARIANCE_LEVEL = 0.95
 
 
 @final
-@dataclass(frozen=True, slots=True)
-class ByRow(CovarianceEstimator):
+class ByRow(CovarianceEstimator, Frozen):
     """V = sum p_t p_t' e_t^2 / (1 - h_t)^2 over rows, bins of spectra among them, with t on few rows."""
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
@@ -573,8 +557,7 @@ def fixed_b_reference(kernel: Kernel, b: float) -> tuple[float, float]:
     return share**2 / spread, share
 
 
-@dataclass(frozen=True, slots=True)
-class KernelRobust(CovarianceEstimator):
+class KernelRobust(CovarianceEstimator, Frozen):
     """V = sum_l k(l/S) sum_t s_t s_{t-l}' (Newey and West 1987; Andrews 1991).
 
     Critical values allow for the bandwidth (Kiefer and Vogelsang 2005) where `fixed_b`. Else they are normal

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -11,11 +11,10 @@ import numpy as np
 
 from eivor.errors import CollinearError, UsageError
 from eivor.linalg.system import MULTIPLIED_ROWS, row_blocks
-from eivor.tools import Float, Int
+from eivor.tools import Float, Frozen, Int
 
 
-@dataclass(frozen=True)
-class EquationRows:
+class EquationRows(Frozen):
     """Successive rows of an estimating equation, in coordinates of its own."""
 
     test_functions: Float[np.ndarray, "rows n"]
@@ -25,8 +24,7 @@ class EquationRows:
     constant: Float[np.ndarray, " n"] | None = None
 
 
-@dataclass(frozen=True)
-class EstimatingEquation:
+class EstimatingEquation(Frozen):
     """Sensitivity of an estimating equation, and its rows."""
 
     root: Float[np.ndarray, "n n"]  # R, upper triangular
@@ -95,8 +93,7 @@ def singular_sensitivity() -> CollinearError:
 SHORT_BLOCK = 64
 
 
-@dataclass(frozen=True)
-class Products:
+class Products(Frozen):
     """Sums of products of [psi phi y] over successive blocks of rows."""
 
     counts: Float[np.ndarray, " K"]  # Rows in each block

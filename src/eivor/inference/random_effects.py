@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
 
@@ -11,7 +10,7 @@ import numpy as np
 import scipy
 
 from eivor.inference.distributions import chi_square_tail, normal_quantile
-from eivor.tools import Float, Int
+from eivor.tools import Float, Frozen, Int
 
 PerNode = Float[np.ndarray, "nodes groups"]
 
@@ -20,8 +19,7 @@ Rows: TypeAlias = Float[np.ndarray, " rows"]
 PerGroup: TypeAlias = Float[np.ndarray, " groups"]
 
 
-@dataclass(frozen=True)
-class Groups:
+class Groups(Frozen):
     """Consecutive rows of groups."""
 
     sizes: Int[np.ndarray, " groups"]
@@ -49,8 +47,7 @@ def one_group(rows: int) -> Groups:
     return Groups(np.array([rows]))
 
 
-@dataclass(frozen=True)
-class Weighted:
+class Weighted(Frozen):
     """Weighted means."""
 
     weights: Rows  # w = 1 / (v + between)
@@ -65,8 +62,7 @@ BETWEEN_STEPS = 60
 BETWEEN_TOLERANCE = 1e-8
 
 
-@dataclass(frozen=True)
-class RandomEffectsMeans:
+class RandomEffectsMeans(Frozen):
     """Means of groups of estimates that differ by more than chance."""
 
     value: PerGroup
@@ -82,8 +78,7 @@ class RandomEffectsMeans:
         return np.where(several, quantile * np.sqrt(self.variance), np.inf)
 
 
-@dataclass(frozen=True)
-class Grouped:
+class Grouped(Frozen):
     """Estimates with their variances, in groups. Performs no checks."""
 
     groups: Groups
@@ -174,8 +169,7 @@ HALF_WIDTH_STEPS, HALF_WIDTH_TOLERANCE = 30, 1e-4
 LEVEL = 0.95
 
 
-@dataclass(frozen=True)
-class BetweenDistribution:
+class BetweenDistribution(Frozen):
     """The variance between estimates as a distribution, group by group."""
 
     sizes: Int[np.ndarray, " groups"]

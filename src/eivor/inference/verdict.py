@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
+
+from eivor.tools import Frozen
 
 
 class Status(Enum):
@@ -39,8 +40,7 @@ class Cause(Enum):
     INSTRUMENT = "no instrument, so that disturbances bias it"
 
 
-@dataclass(frozen=True, slots=True)
-class Reason:
+class Reason(Frozen):
     """A reason for a verdict."""
 
     status: Status  # The best that it allows
@@ -49,8 +49,7 @@ class Reason:
     cause: Cause = Cause.OTHER
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(Frozen):
     """Status and the reasons for it."""
 
     status: Status

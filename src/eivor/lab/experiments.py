@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -18,7 +18,7 @@ from eivor.motions.vertical.model import VerticalMotion
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Disturbance, Excitation, autoregression, constant, largest_root
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 #: First record of several trials, whose rate, length and noises all have, and all channels side by side.
 Records: TypeAlias = tuple[Signals, Mapping[str, Float[np.ndarray, "trials n"]]]
@@ -109,8 +109,7 @@ class Experiment(ABC):
         return first, {name: np.stack([item.channels[name] for item in made]) for name in first.channels}
 
 
-@dataclass(frozen=True, slots=True)
-class VerticalExperiment(Experiment):
+class VerticalExperiment(Experiment, Frozen):
     """Vertical motion z'' = -K z' + K_u u, the paper's simulation."""
 
     scenario: Scenario  # What is simulated
@@ -141,8 +140,7 @@ SOURCES = ("excitation", "disturbance", OUTPUT, INPUT)
 LARGEST_ROOT = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class DifferenceEquation(Experiment):
+class DifferenceEquation(Experiment, Frozen):
     """A linear difference equation, simulated and posed as a regression."""
 
     output_coefficients: tuple[float, ...]

@@ -26,7 +26,7 @@ from eivor.models.spectral import SpectralRegression
 from eivor.signals.filters import filtered, in_a_row, reciprocal
 from eivor.signals.noise import fractional_weights, order_slope
 from eivor.signals.signals import Signals
-from eivor.tools import Complex, Float
+from eivor.tools import Complex, Float, Frozen
 
 
 class FractionalOperator(ABC):
@@ -103,8 +103,7 @@ CIRCLE_POINTS = 20_000
 NEAREST_ANGLE = 1e-9
 
 
-@dataclass(frozen=True, slots=True)
-class Side:
+class Side(Frozen):
     """sum_i c_i z^-lag_i operator^order_i."""
 
     terms: tuple[tuple[float, float, int], ...]  # Coefficient, order and lag of each term
@@ -178,8 +177,7 @@ def order_at(order: Order, orders: Mapping[str, float]) -> float:
     return orders[order.name] if isinstance(order, UnknownOrder) else float(order)
 
 
-@dataclass(frozen=True, slots=True)
-class FractionalPart:
+class FractionalPart(Frozen):
     """``gain * operator^order channel[k - lag]``, or its derivative by the order. Performs no checks."""
 
     channel: str
@@ -261,8 +259,7 @@ def _span(term: FractionalTerm) -> str:
 Kept = dict[tuple[str, float, bool], Float[np.ndarray, " n"]]
 
 
-@dataclass(frozen=True)
-class FilteredSignals:
+class FilteredSignals(Frozen):
     """Channels behind the operators of one equation."""
 
     signals: Signals
@@ -373,8 +370,7 @@ class FilteredSignals:
         return result
 
 
-@dataclass(frozen=True)
-class FractionalRegression(LinearProblem):
+class FractionalRegression(LinearProblem, Frozen):
     """Rows of a fractional difference equation whose orders are known."""
 
     filtered: FilteredSignals
@@ -435,8 +431,7 @@ GRID_POINTS = 11
 ORDER_TOLERANCE = 1e-5
 
 
-@dataclass(frozen=True)
-class FractionalProblem(LinearisableProblem):
+class FractionalProblem(LinearisableProblem, Frozen):
     """A fractional difference equation and a record of it."""
 
     filtered: FilteredSignals

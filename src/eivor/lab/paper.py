@@ -29,7 +29,7 @@ from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Excitation, PaperInput, WhiteExcitation
 from eivor.strict_toml import package_tables
-from eivor.tools import Bool, Float
+from eivor.tools import Bool, Float, Frozen
 
 #: theta = (K, K_u) of (34).
 TRUTH: Mapping[str, float] = {"viscous_friction": 0.293, "input_gain": 0.021}
@@ -59,8 +59,7 @@ METHODS = tuple(METHOD_WORDS)
 PRINTED_METHODS: Mapping[str, str] = {METHOD_WORDS[name]: name for name in METHODS[::2]}
 
 
-@dataclass(frozen=True, slots=True)
-class Example:
+class Example(Frozen):
     """An example of the paper with the table it prints."""
 
     number: int  # 1 or 2
@@ -109,8 +108,7 @@ Compensation = Literal[
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class PaperReading:
+class PaperReading(Frozen):
     """One way to read the paper's simulation."""
 
     name: str  # What the command line calls it
@@ -181,8 +179,7 @@ class AlternatingNoise(FractionalNoise):
         return (-1.0) ** np.arange(count) * FractionalNoise.sample(self, count, rng)
 
 
-@dataclass(frozen=True, slots=True)
-class SampleClockInput(Excitation):
+class SampleClockInput(Excitation, Frozen):
     """The paper's (35) with t counted in samples."""
 
     variance: float
@@ -365,8 +362,7 @@ AGREEMENT = 3.0
 PRINTED_RUNS = 100
 
 
-@dataclass(frozen=True, slots=True)
-class PaperResult:
+class PaperResult(Frozen):
     """What came out of one example under one reading."""
 
     reading: PaperReading  # The reading
@@ -392,8 +388,7 @@ class PaperResult:
         return tuple(map(spread_of, self.nrmse(method).T))
 
 
-@dataclass(frozen=True, slots=True)
-class Nearness:
+class Nearness(Frozen):
     """How far a reading is from the printed tables."""
 
     # Typical factor between measured and printed means, and SDs, of NRMSE: exp of the mean of |log(measured /

@@ -17,11 +17,10 @@ from eivor.signals.recording import Channel, Recording
 from eivor.signals.signals import Signals
 from eivor.simulation.environment import KnownLog
 from eivor.simulation.excitation import Disturbance, Excitation, PaperInput, at_least
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 
-@dataclass(frozen=True, slots=True)
-class Control:
+class Control(Frozen):
     """PI control of the measured velocity, whose setpoint follows the altitude where that has a gain.
 
     The excitation is the reference velocity [m/s], or with an altitude gain the reference altitude [m].
@@ -195,8 +194,7 @@ class Scenario:
         return (self.control.reference,) if self.control else ()
 
 
-@dataclass(frozen=True)
-class SimulatedRecord:
+class SimulatedRecord(Frozen):
     """A simulated record and its truth."""
 
     signals: Signals

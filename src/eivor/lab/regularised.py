@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,14 +13,13 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, Method, Problem, check_method
 from eivor.linalg import total_least_squares as tls
 from eivor.linalg.system import LinearSystem, Shrinkage, Solution, Solver, triangular_root
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 #: Decades of the parameter that cross-validation tries, and points in each; zero is tried as well.
 DECADES, POINTS = (-14, 4), 20
 
 
-@dataclass(frozen=True)
-class ReducedProblem:
+class ReducedProblem(Frozen):
     """A problem in the coordinates in which it is regularised."""
 
     R: Float[np.ndarray, "n n"]  # triangular factor of the scaled or whitened columns
@@ -65,8 +64,7 @@ class ReducedProblem:
         return float(parameters[np.argmin(misfits / (self.equations - self.kept(parameters)) ** 2)])
 
 
-@dataclass(frozen=True)
-class Tikhonov:
+class Tikhonov(Frozen):
     """Parameter, and the vector that the solution is shrunk towards."""
 
     parameter: float | None = None  # Zero or more
@@ -104,8 +102,7 @@ class Tikhonov:
         return theta, Shrinkage(chosen, parameter, kept, theta - back(problem.solution(0.0)))
 
 
-@dataclass(frozen=True)
-class RegularisedLeastSquares(Solver):
+class RegularisedLeastSquares(Solver, Frozen):
     """Least of ||b - A theta||^2 + a ||D (theta - towards)||^2, D the columns' lengths."""
 
     scheme: Tikhonov = Tikhonov()  # Parameter and vector
@@ -123,8 +120,7 @@ class RegularisedLeastSquares(Solver):
         return Solution(theta, residual, float(residual @ residual), condition, shrinkage)
 
 
-@dataclass(frozen=True)
-class RegularisedTotalLeastSquares(tls.ErrorsInColumns):
+class RegularisedTotalLeastSquares(tls.ErrorsInColumns, Frozen):
     """Generalized total least squares with the shift a taken off sigma^2, sigma = sigma_min([A b])."""
 
     scheme: Tikhonov = Tikhonov()  # Parameter and vector
@@ -139,8 +135,7 @@ class RegularisedTotalLeastSquares(tls.ErrorsInColumns):
         return split.solution(*self.scheme.solve(problem, split.theta))
 
 
-@dataclass(frozen=True)
-class ShrunkTowards(Method):
+class ShrunkTowards(Method, Frozen):
     """A method whose solution is shrunk towards the estimate of another method on the same problem."""
 
     name: str

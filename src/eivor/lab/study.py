@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from enum import Enum
 from functools import cache, partial
 from importlib.metadata import version
@@ -36,7 +36,7 @@ from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
 from eivor.models.regression import Column, lags
 from eivor.process_pool import Executor, InProcess, abandoned, local_executor
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Float, ItemsDone, no_items_callback
+from eivor.tools import Bool, Float, Frozen, ItemsDone, no_items_callback
 
 #: Methods that need no instruments.
 DIRECT = ("least_squares", "total_least_squares", "bias_compensated_least_squares")
@@ -78,8 +78,7 @@ MOST_SHARD_TRIALS, MOST_SHARD_SAMPLES = 1_000, 500_000
 MOST_RUNS = 10_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class Regularisation:
+class Regularisation(Frozen):
     """Tikhonov's regularisation of a method."""
 
     parameter: float | None = None
@@ -90,8 +89,7 @@ class Regularisation:
         regularised(methods.least_squares(), self.parameter)
 
 
-@dataclass(frozen=True, slots=True)
-class MethodChoice:
+class MethodChoice(Frozen):
     """A method and its options in a study."""
 
     name: str  # One of `METHODS`
@@ -153,8 +151,7 @@ class MethodChoice:
         return () if self.lags is None else lags(self.channel, *self.lags)
 
 
-@dataclass(frozen=True, slots=True)
-class Study:
+class Study(Frozen):
     """A Monte Carlo study."""
 
     name: str  # What reports call it
@@ -449,8 +446,7 @@ TABLE_FILE = "trials.parquet"
 report_study_errors = partial(atomic_file.report_system_errors, of="study", kept="Trials that were complete")
 
 
-@dataclass(frozen=True, slots=True)
-class TrialShards:
+class TrialShards(Frozen):
     """Shards of a study in a folder."""
 
     study: Study
@@ -581,8 +577,7 @@ def _listed(versions: object) -> str:
     return ", ".join(f"{package} {number}" for package, number in pairs)
 
 
-@dataclass(frozen=True)
-class StudyResult:
+class StudyResult(Frozen):
     """A finished study."""
 
     study: Study  # What was run
@@ -636,8 +631,7 @@ def run_study(
     return StudyResult(study, folder, shards.consolidate())
 
 
-@dataclass(frozen=True, slots=True)
-class Share:
+class Share(Frozen):
     """A share of trials, with its binomial error."""
 
     hits: int  # Trials that did, and all
@@ -664,8 +658,7 @@ class Share:
 TOGETHER = "together"
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
+class Spread(Frozen):
     """Mean and sample standard deviation over trials; NaN where there are too few values."""
 
     mean: float
@@ -675,8 +668,7 @@ class Spread:
         return f"{self.mean:{digits}} ± {self.std:.2g}"
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterScore:
+class ParameterScore(Frozen):
     """How a method did on one parameter."""
 
     name: str
@@ -688,8 +680,7 @@ class ParameterScore:
     coverage: Share | None
 
 
-@dataclass(frozen=True, slots=True)
-class MethodScore:
+class MethodScore(Frozen):
     """How a method did."""
 
     label: str

@@ -7,7 +7,6 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from itertools import chain, islice
 from typing import TypeVar
 
@@ -16,7 +15,7 @@ import scipy
 
 from eivor import checks
 from eivor.errors import NonFiniteError, ShapeError, TooFewSamplesError
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 Block = TypeVar("Block")
 Made = TypeVar("Made")
@@ -98,8 +97,7 @@ def symmetric_eigen(
     return values, vectors
 
 
-@dataclass(frozen=True, slots=True)
-class LinearSystem:
+class LinearSystem(Frozen):
     """Equations A theta = b, usually more of them than unknowns."""
 
     matrix: Float[np.ndarray, "m n"]
@@ -140,8 +138,7 @@ class LinearSystem:
         return float(self.matrix.shape[0]) if self.count is None else self.count
 
 
-@dataclass(frozen=True, slots=True)
-class Shrinkage:
+class Shrinkage(Frozen):
     """What regularisation did to a solution."""
 
     choice: str
@@ -150,8 +147,7 @@ class Shrinkage:
     shift: Float[np.ndarray, " n"]  # Theta less the solution that is not regularised
 
 
-@dataclass(frozen=True, slots=True)
-class Solution:
+class Solution(Frozen):
     """What a solver found."""
 
     theta: Float[np.ndarray, " n"]
@@ -161,8 +157,7 @@ class Solution:
     shrinkage: Shrinkage | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ScoreCorrection:
+class ScoreCorrection(Frozen):
     """What to add to the test functions of a direct method, and to the sensitivity of its score."""
 
     rows: Float[np.ndarray, "rows n"]  # Added to the regressors

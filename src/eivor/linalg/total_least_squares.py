@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from abc import abstractmethod
-from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -20,7 +19,7 @@ from eivor.errors import (
     UsageError,
 )
 from eivor.linalg.system import LinearSystem, ScoreCorrection, Shrinkage, Solution, Solver, triangular_root
-from eivor.tools import Float, Int
+from eivor.tools import Float, Frozen, Int
 
 Vector = Float[np.ndarray, " n"]
 Square = Float[np.ndarray, "n n"]
@@ -78,8 +77,7 @@ class UnweightedLeastSquares(Solver):
         return np.asarray(roots[:, -1, -1] ** 2)
 
 
-@dataclass(frozen=True, slots=True)
-class LeastSquares(UnweightedLeastSquares):
+class LeastSquares(UnweightedLeastSquares, Frozen):
     """Minimise ||b - A theta||_2 by QR. O(m n^2); never squares the condition number."""
 
     def triangular_solution(self, R: Square, right: Vector, _smallest: float, /) -> Vector:
@@ -87,8 +85,7 @@ class LeastSquares(UnweightedLeastSquares):
         return scipy.linalg.lapack.dtrtrs(R, right)[0]
 
 
-@dataclass(frozen=True, slots=True)
-class AugmentedLeastSquares(UnweightedLeastSquares):
+class AugmentedLeastSquares(UnweightedLeastSquares, Frozen):
     """Minimise ||b - A theta||_2 through the augmented system, the paper's (10), (25), (31)."""
 
     def triangular_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
@@ -132,8 +129,7 @@ def lost_to_rounding(singular: Vector, size: int) -> bool:
 SEPARATION = 1e-12
 
 
-@dataclass(frozen=True)
-class SplitProblem:
+class SplitProblem(Frozen):
     """Whitened columns with errors, and the way back."""
 
     system: LinearSystem
@@ -267,8 +263,7 @@ class GeneralizedTotalLeastSquares(ErrorsInColumns):
         return split.solution(split.theta(whitened))
 
 
-@dataclass(frozen=True, slots=True)
-class TotalLeastSquares(GeneralizedTotalLeastSquares):
+class TotalLeastSquares(GeneralizedTotalLeastSquares, Frozen):
     """Generalized total least squares by the SVD. O(m n^2)."""
 
     def whitened_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
@@ -278,8 +273,7 @@ class TotalLeastSquares(GeneralizedTotalLeastSquares):
         return np.asarray(Vt.T @ (gains * (U.T @ right)))
 
 
-@dataclass(frozen=True, slots=True)
-class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares):
+class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares, Frozen):
     """Generalized total least squares through the augmented system, the paper's (16), (27), (33)."""
 
     def whitened_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
@@ -288,8 +282,7 @@ class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares):
         return solve_augmented(R, right, smallest, smallest)
 
 
-@dataclass(frozen=True, slots=True)
-class Fuller(ErrorsInColumns):
+class Fuller(ErrorsInColumns, Frozen):
     """Total least squares with less of a shift: (R'R - (sigma^2 - a/nu) I) theta = R' right (Fuller 1977)."""
 
     strength: float = 1.0  # a, zero for LIML

@@ -8,7 +8,6 @@ import re
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import msgspec
@@ -21,7 +20,7 @@ from eivor.signals.filters import lagged_between_stamps, time_derivative
 from eivor.signals.recording import DataSheet, Frame
 from eivor.signals.thrust_map import input_map
 from eivor.strict_toml import Text, TomlFiles, TomlTable
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 #: Elementwise functions; how many arguments one has is the ufunc's `nin`.
 FUNCTIONS: Mapping[str, np.ufunc] = {
@@ -66,8 +65,7 @@ MAX_EXPONENT = 8.0
 _QUOTED = re.compile(r'"([^"\x00]+)"')
 
 
-@dataclass(frozen=True, slots=True)
-class InTime:
+class InTime(Frozen):
     """A step over the whole series: its derivative, or the series behind a first-order lag."""
 
     lag_s: float | None = None  # None for the derivative
@@ -95,8 +93,7 @@ class InTime:
 Step = float | str | np.ufunc | InTime
 
 
-@dataclass(frozen=True, slots=True)
-class Expression:
+class Expression(Frozen):
     """A checked expression."""
 
     text: str
@@ -297,8 +294,7 @@ _FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
 ValidRange = tuple[float, float, str]
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelRule:
+class ChannelRule(Frozen):
     """How one channel is made of columns."""
 
     name: str
@@ -320,8 +316,7 @@ def columns_of(rules: Iterable[ChannelRule]) -> dict[str, None]:
     return dict.fromkeys(column for rule in rules for column in rule.expression.columns)
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelMap:
+class ChannelMap(Frozen):
     """A checked channel map."""
 
     name: str

@@ -29,11 +29,10 @@ from eivor.signals.recording import (
     clean_channel,
 )
 from eivor.strict_toml import package_tables
-from eivor.tools import Bool, Float
+from eivor.tools import Bool, Float, Frozen
 
 
-@dataclass(frozen=True, slots=True)
-class Columns:
+class Columns(Frozen):
     """Columns of a table as numbers."""
 
     values: Mapping[str, Series]
@@ -145,8 +144,7 @@ def channel_findings(channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
     return findings_of({name: look(channel) for name, channel in channels.items()}, channels)
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelProfile:
+class ChannelProfile(Frozen):
     """What findings need of every channel."""
 
     quality: ChannelQuality
@@ -375,8 +373,7 @@ class KeptChannels(MadeChannels):
 HEAD_BYTES = 65536
 
 
-@dataclass(frozen=True, slots=True)
-class ReadOptions:
+class ReadOptions(Frozen):
     """What a reader receives besides the file."""
 
     channel_map: str | os.PathLike[str] | None = None
@@ -395,16 +392,14 @@ def begins_with(*magic: bytes) -> Callable[[bytes, Path], bool]:
     return lambda head, _file: head.startswith(magic)
 
 
-@dataclass(frozen=True, slots=True)
-class FolderParts:
+class FolderParts(Frozen):
     """Files of a folder that are no logs themselves."""
 
     members: frozenset[str] = frozenset()
     derived: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True, slots=True)
-class LogFormat:
+class LogFormat(Frozen):
     """A format of logs, one row of the table in `eivor.logs.read`."""
 
     name: str  # The word of `Recording.format`

@@ -20,7 +20,7 @@ from eivor.logs.mapping import channels_by_clock, delay_findings, fitted_rules, 
 from eivor.signals.channels import held_by_default
 from eivor.signals.recording import LARGEST_VALUE, Channel, Finding, Frame, LogOrigin, Recording
 from eivor.strict_toml import package_tables
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 #: Value of a motor's duty cycle, and of the controllers' thrust, at full power.
 FULL_POWER = 65535.0
@@ -36,8 +36,7 @@ UNPACKED = tuple(f"{PACKED_QUATERNION}.{part}" for part in "xyzw")
 VELOCITY_SETPOINTS = {"ctrltarget.vz": "ctrltarget.z", "ctrltargetZ.vz": "ctrltargetZ.z"}
 
 
-@dataclass(frozen=True, slots=True)
-class VariableSource:
+class VariableSource(Frozen):
     """One place where a quantity may be."""
 
     quantity: str
@@ -167,8 +166,7 @@ MAX_VARIABLES = 4096
 MAX_NAME_BYTES = 255
 
 
-@dataclass(frozen=True, slots=True)
-class EventType:
+class EventType(Frozen):
     """A type of events."""
 
     number: int
@@ -177,8 +175,7 @@ class EventType:
     record: np.dtype[np.void]
 
 
-@dataclass(frozen=True, slots=True)
-class Header:
+class Header(Frozen):
     """The head of a log."""
 
     types: tuple[EventType, ...]
@@ -287,8 +284,7 @@ SEARCH_BLOCK = 512
 CLOCK = "timestamp"
 
 
-@dataclass(frozen=True)
-class Event:
+class Event(Frozen):
     """The records of one type, whose variables are converted when they are requested."""
 
     name: str

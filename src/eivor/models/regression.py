@@ -22,7 +22,7 @@ from eivor.errors import (
 )
 from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.signals.signals import Signals
-from eivor.tools import Float, Int
+from eivor.tools import Float, Frozen, Int
 
 PerRow = Float[np.ndarray, " rows"]
 
@@ -99,16 +99,14 @@ def lags(channel: str, first: int, last: int) -> tuple[Column, ...]:
     return tuple(Column(channel, lag) for lag in range(first, last + 1))
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
+class Parameter(Frozen):
     """One unknown."""
 
     name: str  # Term of the field, as used in results ("viscous_friction")
     unit: str = ""  # SI; empty for a pure number
 
 
-@dataclass(frozen=True, slots=True)
-class Equation:
+class Equation(Frozen):
     """``response = sum of parameter * column + error``."""
 
     response: Column
@@ -132,8 +130,7 @@ class RowLayout(ABC):
         """Products of test functions and residual by sample; their sum is ``test.T @ residual``."""
 
 
-@dataclass(frozen=True, slots=True)
-class SampleRows(RowLayout):
+class SampleRows(RowLayout, Frozen):
     """Rows are time samples of one axis, in their order."""
 
     flight_of_row: Int[np.ndarray, " rows"]
@@ -146,8 +143,7 @@ class SampleRows(RowLayout):
         return test * residual[:, None]
 
 
-@dataclass(frozen=True, slots=True)
-class AxisRows(RowLayout):
+class AxisRows(RowLayout, Frozen):
     """Rows are time samples of several axes."""
 
     flight_of_row: Int[np.ndarray, " rows"]
@@ -169,8 +165,7 @@ LARGEST_VARIANCE = 1e150
 ONE_FLIGHT = SampleRows(np.zeros(0, dtype=np.int64))
 
 
-@dataclass(frozen=True, slots=True)
-class RowBlock:
+class RowBlock(Frozen):
     """Successive rows of a problem. Performs no checks."""
 
     response: PerRow

@@ -15,7 +15,7 @@ from eivor.models.regression import LinearProblem, Parameter, Regression
 from eivor.models.spectral import SpectralRegression
 from eivor.signals.filters import first_order_lag
 from eivor.signals.signals import Signals
-from eivor.tools import Float, Int
+from eivor.tools import Float, Frozen, Int
 
 #: Successive first-order lags of each reference: how many, and their time constant [s].
 REFERENCE_LAGS = {
@@ -42,8 +42,7 @@ class InstrumentRule(ABC):
         """Columns on the grid of one flight; its command, neither lagged nor delayed, is upwards."""
 
 
-@dataclass(frozen=True, slots=True)
-class LaggedReferences(InstrumentRule):
+class LaggedReferences(InstrumentRule, Frozen):
     """Each reference and successive first-order lags of it."""
 
     channels: tuple[str, ...]  # References to use, all present in the signals
@@ -64,8 +63,7 @@ class LaggedReferences(InstrumentRule):
         return np.array(results).reshape(-1, signals.sample_count).T  # each column in one piece
 
 
-@dataclass(frozen=True, slots=True)
-class LaggedInputs(InstrumentRule):
+class LaggedInputs(InstrumentRule, Frozen):
     """Past mapped commands, the paper's (21): u(k - first) ... u(k - last)."""
 
     first: int = 1
@@ -82,8 +80,7 @@ class LaggedInputs(InstrumentRule):
         return np.column_stack([known[self.last - lag :][: command.size] for lag in lags])
 
 
-@dataclass(frozen=True, slots=True)
-class NoInstruments(InstrumentRule):
+class NoInstruments(InstrumentRule, Frozen):
     """For direct methods."""
 
     label = "none"
@@ -239,8 +236,7 @@ class Nuisance:
         return (above - below) / (high - low)
 
 
-@dataclass(frozen=True, slots=True)
-class SampledState:
+class SampledState(Frozen):
     """A state whose derivative was measured as well, so that bins have two candidates for one response."""
 
     index: int
@@ -249,8 +245,7 @@ class SampledState:
     driven_density: Float[np.ndarray, " n"]
 
 
-@dataclass(frozen=True, slots=True)
-class WarmStart:
+class WarmStart(Frozen):
     """An estimate of nearly the same columns, whose residuals determine the weights of rows."""
 
     theta: Float[np.ndarray, " n"]
@@ -333,8 +328,7 @@ class SeparableProblem(ABC):
         return {nuisance.name: nuisance.first for nuisance in self.nuisances}
 
 
-@dataclass(frozen=True)
-class GivenBins(SeparableProblem):
+class GivenBins(SeparableProblem, Frozen):
     """Rows in frequency that no nuisance moves."""
 
     given: SpectralRegression

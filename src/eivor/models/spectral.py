@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from eivor.models.regression import Parameter, Regression, RowLayout, noise_of_surrogate
-from eivor.tools import Bool, Complex, Float, Int
+from eivor.tools import Bool, Complex, Float, Frozen, Int
 
 PerBin = Float[np.ndarray, " bins"]
 
@@ -29,8 +29,7 @@ SMOOTHING_SHARE = 0.3
 SMOOTHING_BINS = 10
 
 
-@dataclass(frozen=True)
-class SpectralRun:
+class SpectralRun(Frozen):
     """One run of one axis, and its place among the bins."""
 
     flight: int
@@ -188,8 +187,7 @@ def densities(
     return np.array(results)
 
 
-@dataclass(frozen=True)
-class BinRows(RowLayout):
+class BinRows(RowLayout, Frozen):
     """Rows are, run after run, the real parts and then the imaginary parts of the bins kept."""
 
     runs: tuple[SpectralRun, ...]
@@ -250,8 +248,7 @@ class BinRows(RowLayout):
         return np.concatenate(parts) if len(parts) > 1 else parts[0]
 
 
-@dataclass(frozen=True)
-class SpectralRegression:
+class SpectralRegression(Frozen):
     """Columns of all runs, bin by bin, before whitening."""
 
     responses: Complex[np.ndarray, "bins r"]

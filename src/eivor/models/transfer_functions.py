@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -22,7 +22,7 @@ from eivor.models.frequency_response import (
     python_control,
 )
 from eivor.signals.signals import stretches
-from eivor.tools import Complex, Float
+from eivor.tools import Complex, Float, Frozen
 
 Vector = Float[np.ndarray, " n"]
 
@@ -90,8 +90,7 @@ def _responses(value: Mapping[str, Any], s: Spectrum, known: Spectrum) -> Comple
     return np.asarray(value["gain"] * (np.exp(-value["delay"] * s) * known / (slow * lagged * later)))
 
 
-@dataclass(frozen=True)
-class _Criterion:
+class _Criterion(Frozen):
     """Limited-information likelihood of points: sum |a - G b|^2 / var(e_y - G e_u)."""
 
     points: Points
@@ -170,8 +169,7 @@ class _Criterion:
         return theta, value
 
 
-@dataclass(frozen=True)
-class _Minimum:
+class _Minimum(Frozen):
     """Where the criterion of one order is least, and what that says of the parameters."""
 
     criterion: _Criterion
@@ -288,8 +286,7 @@ class _Minimum:
         return np.vstack([best, drawn[inside][values[inside] <= self.limit(level)]])
 
 
-@dataclass(frozen=True)
-class TransferFunction:
+class TransferFunction(Frozen):
     """A model of one order: gain e^(-delay s) / ((s + damping)(1 + first s + second s^2)(1 + third s))."""
 
     order: int  # Number of poles, without those of the filter that is known
@@ -351,8 +348,7 @@ class TransferFunction:
         return control.ss(model)
 
 
-@dataclass(frozen=True)
-class TransferFunctions:
+class TransferFunctions(Frozen):
     """Models of several orders, and what all that the data allow have in common."""
 
     by_order: Mapping[int, TransferFunction]  # In order
@@ -539,8 +535,7 @@ def _search(
     return min(fits, key=lambda pair: pair[1])
 
 
-@dataclass(frozen=True)
-class Margins:
+class Margins(Frozen):
     """Margins of a loop; NaN where it does not cross."""
 
     crossover_hz: float  # Where the broken-loop response falls below one
@@ -552,8 +547,7 @@ class Margins:
     disturbance_bandwidth_hz: float  # Where the sensitivity 1 / (1 + L) rises above -3 dB
 
 
-@dataclass(frozen=True)
-class Controller:
+class Controller(Frozen):
     """A proportional and integral controller of a rate, and what its loop reaches."""
 
     name: str  # How it was found

@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -25,6 +25,7 @@ from eivor.motions.machine import Activity, Derived, Machine, MachineChannel
 from eivor.signals.channels import BUILT_IN, canonical_channel, declare_channels
 from eivor.signals.recording import DataSheet
 from eivor.strict_toml import Text, TomlFiles, TomlTable
+from eivor.tools import Frozen
 
 # -- Structures of the file --
 
@@ -242,8 +243,7 @@ def _plain(value: Any) -> Any:
 # -- Reading --
 
 
-@dataclass(frozen=True)
-class _Names:
+class _Names(Frozen):
     top: TomlTable
     channels: Mapping[str, MachineChannel]
     units: Mapping[str, Unit]  # Of channels, then of names

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 from typing import TypeVar
 
@@ -25,11 +25,10 @@ from eivor.models.spectral import SpectralRun, densities
 from eivor.signals.channels import family_members
 from eivor.signals.filters import actuator_state, shifted_by, time_derivative
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Float
+from eivor.tools import Bool, Float, Frozen
 
 
-@dataclass(frozen=True)
-class Term:
+class Term(Frozen):
     """A parameter times an expression over channels, such as ``-speed`` or ``sign(speed)``."""
 
     name: str
@@ -64,8 +63,7 @@ class Term:
         return not (self.behind or self.is_intercept)
 
 
-@dataclass(frozen=True)
-class Mirror:
+class Mirror(Frozen):
     """A curve of a term, with derivatives of a reference in place of the states."""
 
     reference: str
@@ -84,8 +82,7 @@ class Mirror:
             yield evaluated(parsed(self.of), signals, given)
 
 
-@dataclass(frozen=True)
-class AxisEquation:
+class AxisEquation(Frozen):
     """Equation of one axis: response = sum of terms + an intercept for each run."""
 
     name: str  # In words
@@ -169,8 +166,7 @@ class AxisEquation:
         return np.array(columns).T
 
 
-@dataclass(frozen=True)
-class Driven:
+class Driven(Frozen):
     """Columns of the terms of an equation behind the actuators, at a lag and a delay."""
 
     axis: AxisEquation

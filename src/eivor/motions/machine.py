@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -35,7 +35,7 @@ from eivor.signals.channels import CanonicalChannel
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Complex, Float, capitalised
+from eivor.tools import Bool, Complex, Float, Frozen, capitalised
 
 # -- Parts of a declaration --
 
@@ -61,8 +61,7 @@ NYQUIST_SHARE = 0.5
 ANSWER_LAGS_S, ANSWERS_BELOW = (0.06, 0.25, 1.0, 4.0), 1e-4
 
 
-@dataclass(frozen=True, slots=True)
-class MachineChannel:
+class MachineChannel(Frozen):
     """A channel of a machine."""
 
     name: str
@@ -81,8 +80,7 @@ class MachineChannel:
         return CanonicalChannel(self.name, self.unit, held=self.held, free_unit=free, exogenous=clean)
 
 
-@dataclass(frozen=True, slots=True)
-class Derived:
+class Derived(Frozen):
     """A quantity that follows from parameters."""
 
     name: str
@@ -111,8 +109,7 @@ class Derived:
         return QuantityEstimate(made.value, self.unit, made.std_error, made.interval)
 
 
-@dataclass(frozen=True)
-class Activity:
+class Activity(Frozen):
     """Which samples count."""
 
     when: str = ""  # A condition over channels; empty for none
@@ -168,8 +165,7 @@ def _by_order(expression: Expression) -> Expression:
     return replace(expression, steps=tuple(steps))
 
 
-@dataclass(frozen=True)
-class SolvedEquation:
+class SolvedEquation(Frozen):
     """Equation of one axis with numbers: what its highest derivative is."""
 
     response: Expression
@@ -218,8 +214,7 @@ def _refuse_missing(what: str, names: list[str], given: Mapping[str, Any]) -> No
     checks.require(not missing, f"{what} of {', '.join(names)}", f"none of {', '.join(missing)}")
 
 
-@dataclass(frozen=True)
-class Machine(DeclaredMotion[LaggedRuns]):
+class Machine(DeclaredMotion[LaggedRuns], Frozen):
     """A motion that is declared, see `eivor.machine`."""
 
     name: str
@@ -624,7 +619,6 @@ STANDSTILL = verdict.Rule(
 )
 
 
-@dataclass(frozen=True, slots=True)
 class MachineChecks(verdict.MotionChecks):
     """P-values of the test that a reference answers what disturbs the machine."""
 

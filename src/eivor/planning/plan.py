@@ -26,14 +26,13 @@ from eivor.planning.vehicle import KINDS, STEP_S, TARGETS, FlightLimits, Shape, 
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
 from eivor.simulation import vertical
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 #: Error of a logged height [m].
 POSITION_NOISE = 0.01
 
 
-@dataclass(frozen=True)
-class ClosedLoopFlight:
+class ClosedLoopFlight(Frozen):
     """A shape, flown once."""
 
     shape: Shape
@@ -165,8 +164,7 @@ LONG_S = 150.0
 SMALLER, OFTEN = 0.85, 4
 
 
-@dataclass(frozen=True, slots=True)
-class ExpectedWidth:
+class ExpectedWidth(Frozen):
     """Half-width of a 95 % interval that a flight or a record is expected to give."""
 
     words: str
@@ -353,8 +351,7 @@ BEYOND = 1.75
 ALL = "all"
 
 
-@dataclass(frozen=True)
-class MachinePlan:
+class MachinePlan(Frozen):
     """References of a machine, and what they are expected to identify."""
 
     machine: Machine
@@ -614,8 +611,7 @@ def rotorpy_text(plan: FlightPlan) -> str:
     return _program("trajectory.txt", numbers)
 
 
-@dataclass(frozen=True, slots=True)
-class WrittenPlan:
+class WrittenPlan(Frozen):
     """A kind of file."""
 
     words: str

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from enum import Enum
 from typing import Any, TypeAlias
 
 from eivor.flights.quantity import Quantity, QuantitySpec
 from eivor.inference.verdict import Status
+from eivor.tools import Frozen
 
 
 def shortened(text: str, most: int = 48) -> str:
@@ -25,8 +25,7 @@ class Tone(Enum):
     WARNING = "warning"
 
 
-@dataclass(frozen=True, slots=True)
-class Bullets:
+class Bullets(Frozen):
     """Sentences, one below the other."""
 
     sentences: tuple[str, ...]
@@ -38,15 +37,13 @@ def bullets(sentences: Iterable[str]) -> tuple[Bullets, ...]:
     return (Bullets(there),) if there else ()
 
 
-@dataclass(frozen=True, slots=True)
-class Facts:
+class Facts(Frozen):
     """Texts with their labels, one below the other."""
 
     facts: tuple[tuple[str, str | Bullets], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class TableColumn:
+class TableColumn(Frozen):
     """A column of a table."""
 
     title: str  # May be empty
@@ -56,8 +53,7 @@ class TableColumn:
     below: Tone = Tone.PLAIN
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
+class Cell(Frozen):
     """A cell of a table."""
 
     text: str  # The first line
@@ -66,8 +62,7 @@ class Cell:
     link: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class TableOf:
+class TableOf(Frozen):
     """Rows of cells under columns."""
 
     columns: tuple[TableColumn, ...]
@@ -90,8 +85,7 @@ class Look(Enum):
     CONTRADICTED = "contradicted"
 
 
-@dataclass(frozen=True, slots=True)
-class Statement:
+class Statement(Frozen):
     """A verdict, in a line of its own."""
 
     text: str
@@ -99,15 +93,13 @@ class Statement:
     more: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Figure:
+class Figure(Frozen):
     """A place for a figure; a medium that has none leaves it out."""
 
     name: str
 
 
-@dataclass(frozen=True, slots=True)
-class CardLine:
+class CardLine(Frozen):
     """A quantity with its number, or quantities with the reason why they have none."""
 
     words: str
@@ -125,8 +117,7 @@ class CardLine:
         return f"{self.text} {self.interval} {self.unit}".rstrip()
 
 
-@dataclass(frozen=True, slots=True)
-class CardGroup:
+class CardGroup(Frozen):
     """Lines of one look."""
 
     look: Look
@@ -134,8 +125,7 @@ class CardGroup:
     lines: tuple[CardLine, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Card:
+class Card(Frozen):
     """What comes first: the most useful number, and what else is and is not identified."""
 
     title: str
@@ -146,8 +136,7 @@ class Card:
 Part: TypeAlias = Facts | TableOf | Bullets | Statement | Figure
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(Frozen):
     """Parts under a heading."""
 
     heading: str  # May be empty
@@ -161,8 +150,7 @@ def section(heading: str, part: type[Bullets] | type[Facts], record: Iterable[An
         yield Section(heading, (part(result),))
 
 
-@dataclass(frozen=True, slots=True)
-class Document:
+class Document(Frozen):
     """What is identified, from its card to its details."""
 
     title: str
@@ -181,8 +169,7 @@ PLAIN_RANGE = (1e-3, 1e6)
 BOUND = "bound"
 
 
-@dataclass(frozen=True, slots=True)
-class QuantityRow:
+class QuantityRow(Frozen):
     """A quantity of a result with its words: a row of every screen, page and JSON document."""
 
     name: str

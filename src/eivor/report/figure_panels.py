@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -19,7 +19,7 @@ from eivor.inference.regions import Ellipse
 from eivor.inference.verdict import Status
 from eivor.motions.table import wording_of
 from eivor.report.document import TableOf, shortened
-from eivor.tools import Float, printable
+from eivor.tools import Float, Frozen, printable
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -144,8 +144,7 @@ def legend(
 HEIGHT_INCHES, FOREST_ROW_INCHES, FOREST_FOOT_INCHES = 2.7, 0.4, 0.55
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(Frozen):
     """One series over time."""
 
     label: str
@@ -153,8 +152,7 @@ class Line:
     values: Float[np.ndarray, " n"]  # Not a number where there is none
 
 
-@dataclass(frozen=True)
-class Chart:
+class Chart(Frozen):
     """Series over one time, to zoom into; between two of the look "edge" is a band."""
 
     group: str
@@ -167,8 +165,7 @@ class Chart:
     over_frequency: bool = False  # Times are decadic logarithms of even steps of frequencies [Hz]
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
+class Picture(Frozen):
     """A plot with its title, its words and its numbers: a panel of a figure, or a picture of a page."""
 
     title: str
@@ -224,8 +221,7 @@ MARGIN = 0.12
 CLOUD = 4000
 
 
-@dataclass(frozen=True, slots=True)
-class PlottedInterval:
+class PlottedInterval(Frozen):
     """One row of a panel, or of a forest."""
 
     label: str  # Estimate, flight or kind of interval

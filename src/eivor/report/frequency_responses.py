@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -28,7 +28,7 @@ from eivor.report.document import Bullets, Document, Facts, Section, TableColumn
 from eivor.report.figure_panels import Axes, Figure
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Recording
-from eivor.tools import Complex, Float, printable
+from eivor.tools import Complex, Float, Frozen, printable
 
 #: Numbers over frequency.
 Values: TypeAlias = Float[np.ndarray, " f"]
@@ -45,8 +45,7 @@ UNLIKELY = 1e-3
 ROWS = 14
 
 
-@dataclass(frozen=True)
-class LogResponse:
+class LogResponse(Frozen):
     """Response of one axis of one log, or of several flights together."""
 
     name: str  # Of the log
@@ -61,8 +60,7 @@ class LogResponse:
     findings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class ResponsePath:
+class ResponsePath(Frozen):
     """From what to what the response of an axis is, and what may be its reference."""
 
     motion: Motion[Any]  # That selects the channels
@@ -472,8 +470,7 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Curves:
+class Curves(Frozen):
     """What is drawn over frequency in files and on pages; NaN where nothing is known."""
 
     kind: str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,7 +23,7 @@ from eivor.report import document as doc
 from eivor.report import flight as report
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Channel, Finding, MadeChannels, Recording
-from eivor.tools import capitalised
+from eivor.tools import Frozen, capitalised
 
 #: Of a log that does not fit into memory, in which more was flown, `identify` is tried on so much [s].
 TRIED_WHOLE_S, TRIED_S = 600.0, 180.0
@@ -31,8 +31,7 @@ TRIED_WHOLE_S, TRIED_S = 600.0, 180.0
 Stretches = tuple[tuple[float, float], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelSummary:
+class ChannelSummary(Frozen):
     """One channel in numbers."""
 
     channel: Channel
@@ -41,8 +40,7 @@ class ChannelSummary:
     gaps: tuple[tuple[float, float], ...]  # Intervals without a sample [s]
 
 
-@dataclass(frozen=True)
-class Inspection:
+class Inspection(Frozen):
     """A log, and what `identify` makes of it, or why it cannot begin."""
 
     result: FlightEstimate | None

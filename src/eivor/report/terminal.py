@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.padding import Padding
@@ -13,7 +12,7 @@ from rich.text import Text
 
 from eivor.inference.verdict import Status
 from eivor.report import document as doc
-from eivor.tools import printable
+from eivor.tools import Frozen, printable
 
 #: By the values of `Status` and of `Look`.
 COLOURS = {
@@ -50,8 +49,7 @@ def _document(document: doc.Document) -> Iterator[RenderableType]:
         yield from _section(section)
 
 
-@dataclass(frozen=True, slots=True)
-class CardText:
+class CardText(Frozen):
     """A card whose numbers stand below their words where an interval would break beside them."""
 
     card: doc.Card
@@ -142,8 +140,7 @@ def _facts(part: doc.Facts) -> Table:
     return grid
 
 
-@dataclass(frozen=True, slots=True)
-class FoldingTable:
+class FoldingTable(Frozen):
     """A table whose columns become lines below the first one where numbers would break side by side."""
 
     table: doc.TableOf

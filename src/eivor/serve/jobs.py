@@ -20,13 +20,13 @@ from urllib.parse import unquote
 from eivor.atomic_file import atomic_write
 from eivor.process_pool import BEGIN_S, AbandonedError, LimitError, Limits, ProgressCallback, WorkerProcess
 from eivor.serve.requests import JobRequest, RefusedError, absent
+from eivor.tools import Frozen
 
 #: Files of a result in the folder of its job.
 RESULT, REPORT = "result.json", "report.html"
 
 
-@dataclass(frozen=True, slots=True)
-class KeptLog:
+class KeptLog(Frozen):
     """A log on the disk."""
 
     path: Path  # where it is; its name there says nothing
@@ -34,16 +34,14 @@ class KeptLog:
     size: int  # bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
+class Task(Frozen):
     """Work for a process: the name of a function of `eivor.serve.worker`, and its arguments."""
 
     name: str
     given: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class File:
+class File(Frozen):
     """A file that is sent."""
 
     name: str  # what it is called

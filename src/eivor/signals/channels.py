@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from enum import Enum
 from types import MappingProxyType
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.strict_toml import package_tables
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 
 def roll_pitch_yaw(quaternions: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "3 n"]:
@@ -46,8 +45,7 @@ def common_side(sides: Iterable[CurveSide]) -> CurveSide:
     return result.pop() if len(result) == 1 else CurveSide.UNKNOWN
 
 
-@dataclass(frozen=True, slots=True)
-class CanonicalChannel:
+class CanonicalChannel(Frozen):
     """A channel that a log may hold; a name that cannot be one raises `UsageError`."""
 
     name: str  # Small letters, digits and `_`; a last `_*` stands for a rotor's number (1, 2, ...)

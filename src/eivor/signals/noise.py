@@ -12,7 +12,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import NonFiniteError, ParameterError, ShapeError, TooFewSamplesError
-from eivor.tools import Complex, Float
+from eivor.tools import Complex, Float, Frozen
 
 #: Longest record whose weights' spectrum is kept for the next one: studies draw many of one length.
 KEPT = 1 << 16
@@ -303,8 +303,7 @@ CONVERGED = 1e-14
 MOST_STEPS, TINY = 100, sys.float_info.min
 
 
-@dataclass(frozen=True, slots=True)
-class LongMemory:
+class LongMemory(Frozen):
     """Estimate of a fractional noise."""
 
     order: float  # Exponent of Delta

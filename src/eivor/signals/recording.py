@@ -17,11 +17,10 @@ from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError, did_you_mean
 from eivor.signals.channels import CurveSide, family_members
 from eivor.signals.filters import evened
-from eivor.tools import Bool, Float, html_table
+from eivor.tools import Bool, Float, Frozen, html_table
 
 
-@dataclass(frozen=True, slots=True)
-class DataSheet:
+class DataSheet(Frozen):
     """White noise and rounding of a sensor, as a data sheet determines them."""
 
     density: float = 0.0  # Noise density, in the channel's unit per square root of a hertz
@@ -50,8 +49,7 @@ class DataSheet:
 EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
 
 
-@dataclass(frozen=True, slots=True)
-class LogOrigin:
+class LogOrigin(Frozen):
     """What a log says of the machine that wrote it; empty where it says nothing."""
 
     board: str = ""  # Unique id of the board
@@ -96,16 +94,14 @@ class Frame(Enum):
     NED = "z down (world north-east-down, body forward-right-down)"
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
+class Finding(Frozen):
     """A named diagnostic: something about the data that a reader of the result should know."""
 
     name: str
     message: str
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelQuality:
+class ChannelQuality(Frozen):
     """What had to be set right, or was found wrong, while a channel was read. Counts of samples."""
 
     duplicated_stamps: int = 0
@@ -116,8 +112,7 @@ class ChannelQuality:
     evened_stamps: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Channel:
+class Channel(Frozen):
     """One quantity as logged, on its own clock."""
 
     name: str  # Canonical name, see `eivor.signals.channels`

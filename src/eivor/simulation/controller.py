@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from eivor.motions.rigid_body.dynamics import Components, Triple, Value
 from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.recording import GRAVITY
-from eivor.tools import Float, Int
+from eivor.tools import Float, Frozen, Int
 
 #: No loop is quicker than this, however quick the rotors are [1/s].
 LARGEST_RATE_GAIN, LARGEST_ATTITUDE_GAIN, LARGEST_CLIMB_GAIN = 40.0, 12.0, 5.0
@@ -39,8 +39,7 @@ LEAST_COSINE = 0.5
 HOLD_DAMPING, MOST_HOLDING_TILT = 3.0, 0.3
 
 
-@dataclass(frozen=True, slots=True)
-class FlightController:
+class FlightController(Frozen):
     """Rates and quickness of the loops.
 
     Quickness is relative to the vehicle: T is the sum of the rotors' lag and delay, the delays of gyroscope
@@ -63,8 +62,7 @@ class FlightController:
         checks.in_ranges(self, "Correct the controller.")
 
 
-@dataclass(frozen=True, slots=True)
-class Gains:
+class Gains(Frozen):
     """Numbers of the loops, of one flight or of several."""
 
     rate: tuple[Value, ...]
@@ -204,8 +202,7 @@ class Cascade:
         return self._derivative
 
 
-@dataclass(frozen=True, slots=True)
-class Mixer:
+class Mixer(Frozen):
     """From normalised thrust and torques to the rotors' commands."""
 
     shares: tuple[tuple[Value, Value, Value, Value], ...]
@@ -293,8 +290,7 @@ Readings = Float[np.ndarray, "count axes"]
 LARGEST_JITTER = 0.45
 
 
-@dataclass(frozen=True, slots=True)
-class Sensor:
+class Sensor(Frozen):
     """How a quantity is measured, alike on each axis."""
 
     # Of the readings, before the filter

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from eivor.inference.diagnostics.record import SIGNIFICANT, Diagnostic, Equation
 from eivor.inference.estimating_equation import block_edges
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import symmetric_eigen
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 PerBlock = Float[np.ndarray, " K"]
 PerRow = Float[np.ndarray, " rows"]
@@ -31,8 +30,7 @@ LEAST_BLOCKS = 32
 TURNED = 16
 
 
-@dataclass(frozen=True, slots=True)
-class Swing:
+class Swing(Frozen):
     """The strongest line of one series."""
 
     of: str
@@ -47,8 +45,7 @@ class Swing:
         return f"±{self.amplitude:.2g} {self.unit}".rstrip()
 
 
-@dataclass(frozen=True)
-class Periodicity(Diagnostic):
+class Periodicity(Diagnostic, Frozen):
     """Whether the parameters, or what is left over, vary periodically."""
 
     parameters: tuple[Swing, ...]
@@ -131,8 +128,7 @@ class Periodicity(Diagnostic):
             )
 
 
-@dataclass(frozen=True)
-class BlockSums:
+class BlockSums(Frozen):
     """Sums of series over successive blocks of time."""
 
     sums: Blocks
@@ -212,8 +208,7 @@ BANDS = 8
 BADLY_CONDITIONED = 1e3
 
 
-@dataclass(frozen=True)
-class Information(Diagnostic):
+class Information(Diagnostic, Frozen):
     """Scaled information matrix."""
 
     matrix: Float[np.ndarray, "n n"]
@@ -248,8 +243,7 @@ class Information(Diagnostic):
             )
 
 
-@dataclass(frozen=True)
-class BandPower(Diagnostic):
+class BandPower(Diagnostic, Frozen):
     """Power of the model part against that of the residual in bands."""
 
     low_hz: Float[np.ndarray, " bands"]

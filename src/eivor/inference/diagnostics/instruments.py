@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -13,7 +12,7 @@ from eivor.inference.diagnostics import record
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import orthogonal_factors, symmetric_eigen
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 #: Directions in which P differs from its projection on the columns by less than this share are no test.
 NO_DIFFERENCE = 1e-9
@@ -21,8 +20,7 @@ NO_DIFFERENCE = 1e-9
 NOTABLE_BIAS = 0.5
 
 
-@dataclass(frozen=True)
-class Endogeneity(record.Diagnostic):
+class Endogeneity(record.Diagnostic, Frozen):
     """Least squares, or another direct estimate, against the estimate."""
 
     difference: Float[np.ndarray, " n"]  # Estimate minus least squares, to first order
@@ -56,8 +54,7 @@ class Endogeneity(record.Diagnostic):
             )
 
 
-@dataclass(frozen=True, slots=True)
-class DirectScores:
+class DirectScores(Frozen):
     """Scores G e + v e^2 + k of a direct estimate, which sum to zero at it."""
 
     difference: Float[np.ndarray, " n"]
@@ -118,8 +115,7 @@ def endogeneity(
     )
 
 
-@dataclass(frozen=True)
-class OverIdentification(record.Diagnostic):
+class OverIdentification(record.Diagnostic, Frozen):
     """Hansen's J."""
 
     J: float
@@ -185,8 +181,7 @@ SIZE = 0.05
 UNEXPLAINED = 1e-10
 
 
-@dataclass(frozen=True)
-class FirstStageTest(record.Diagnostic):
+class FirstStageTest(record.Diagnostic, Frozen):
     """Strength of instruments."""
 
     conditional: Float[np.ndarray, " n"]

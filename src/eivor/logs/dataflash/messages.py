@@ -16,7 +16,7 @@ import numpy as np
 from eivor.linalg.system import COPIED_ROWS, row_blocks
 from eivor.logs.common import noted
 from eivor.signals.recording import Finding
-from eivor.tools import Bool, Float
+from eivor.tools import Bool, Float, Frozen
 
 HEAD = b"\xa3\x95"
 HEAD_BYTES = 3
@@ -39,8 +39,7 @@ _NAME = re.compile(rb"[A-Za-z0-9_]{1,4}\0*")
 MAX_FORMATS = 10_000
 
 
-@dataclass(frozen=True, slots=True)
-class Field:
+class Field(Frozen):
     """A field of a message."""
 
     kind: np.dtype[np.generic]
@@ -48,8 +47,7 @@ class Field:
     factor: float
 
 
-@dataclass(frozen=True, slots=True)
-class MessageType:
+class MessageType(Frozen):
     """What a FMT message says of a type."""
 
     number: int
@@ -150,8 +148,7 @@ KEPT_BYTES = 1 << 24
 LONG_FILE_BYTES = 1 << 27
 
 
-@dataclass(frozen=True)
-class Messages:
+class Messages(Frozen):
     """All messages of a type, or of one instance of it."""
 
     layout: MessageType

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from eivor.logs.ulog import channels as px4
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, Frame, Recording
 from eivor.strict_toml import package_tables
+from eivor.tools import Frozen
 
 #: Place of the vehicle, direction, name, number of the instance, version of the message.
 _NAME = re.compile(
@@ -135,8 +135,7 @@ ASKED = re.compile(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class RosSource:
+class RosSource(Frozen):
     """One place where a channel may be."""
 
     kind: str

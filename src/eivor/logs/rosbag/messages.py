@@ -14,6 +14,7 @@ import numpy as np
 
 from eivor.logs.common import DECODER_ERRORS
 from eivor.strict_toml import package_tables
+from eivor.tools import Frozen
 
 #: Bytes of the types that messages are made of; strings have a length of their own.
 SIZES: Mapping[str, str] = {
@@ -112,8 +113,7 @@ class UnsoundMessageError(ValueError):
     """A message whose bytes are not those of its type."""
 
 
-@dataclass(frozen=True, slots=True)
-class MessageLayout:
+class MessageLayout(Frozen):
     """Where the fields of a message are."""
 
     fields: Mapping[str, tuple[int, str]]  # [bytes]

@@ -17,7 +17,7 @@ from eivor.logs.rosbag import messages
 from eivor.logs.rosbag.containers import Budget, declared, declared_by_metadata, opened
 from eivor.signals.channels import roll_pitch_yaw
 from eivor.signals.recording import Channel, Finding
-from eivor.tools import Float, Int
+from eivor.tools import Float, Frozen, Int
 
 Fields = Mapping[str, np.ndarray]
 
@@ -155,8 +155,7 @@ class RawTopic:
         return lambda message: messages.message_layout(message, self.kind, types, ros1=self.ros1)
 
 
-@dataclass(frozen=True, slots=True)
-class BagTopic:
+class BagTopic(Frozen):
     """A topic as columns."""
 
     name: str

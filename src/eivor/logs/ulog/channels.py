@@ -13,14 +13,13 @@ from eivor.logs import common
 from eivor.signals.channels import CurveSide, roll_pitch_yaw
 from eivor.signals.recording import HELICOPTER, ROTARY_WING, VTOL, Channel, Finding, LogOrigin, utc_time
 from eivor.strict_toml import package_tables
-from eivor.tools import Bool, Float
+from eivor.tools import Bool, Float, Frozen
 
 #: What PX4's estimator makes of its sensors.
 ESTIMATOR_TOPIC = "vehicle_local_position"
 
 
-@dataclass(frozen=True, slots=True)
-class TopicSource:
+class TopicSource(Frozen):
     """One place where a channel may be."""
 
     topic: str
@@ -113,8 +112,7 @@ LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
+class Topic(Frozen):
     """One instance of a topic: raw arrays by field, one entry per message."""
 
     name: str

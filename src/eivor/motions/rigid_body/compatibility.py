@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,7 @@ from eivor.models.regression import regression
 from eivor.motions.rigid_body import dynamics
 from eivor.signals.filters import time_derivative
 from eivor.signals.recording import Channel, Frame, Recording
-from eivor.tools import Bool, Complex, Float
+from eivor.tools import Bool, Complex, Float, Frozen
 
 RATES, FORCES = (
     tuple(f"{name}_{axis}" for axis in "xyz") for name in ("angular_rate", "specific_force_body")
@@ -40,8 +40,7 @@ COHERENT = 0.5
 SURE, LEAST_OFFSET_S = 3.0, 0.002
 
 
-@dataclass(frozen=True)
-class Calibration:
+class Calibration(Frozen):
     """What one comparison says of one number."""
 
     what: str
@@ -50,8 +49,7 @@ class Calibration:
     unit: str
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(Frozen):
     """Spectra of stretches of a sensor and of what kinematics makes of the others, for each axis."""
 
     sensor: str

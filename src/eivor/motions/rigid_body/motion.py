@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from typing import cast
 
@@ -43,7 +43,7 @@ from eivor.motions.rigid_body.vehicle import KnownVehicle, load_vehicle, shipped
 from eivor.motions.vertical.select import TABLES as HEIGHT
 from eivor.signals.recording import Channel, Finding, Recording
 from eivor.signals.signals import Signals
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 # -- Attitude order --
 
@@ -363,8 +363,7 @@ def refined(
     return problem, replace(estimate, left_out=left_out)
 
 
-@dataclass(frozen=True)
-class RigidBody(DeclaredMotion[LaggedRuns]):
+class RigidBody(DeclaredMotion[LaggedRuns], Frozen):
     """Turning about three axes and the force along them, behind the lag of the rotors."""
 
     vehicle: KnownVehicle | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -29,7 +29,7 @@ from eivor.motions.rigid_body.regression import (
 from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.recording import Finding
-from eivor.tools import Float, Int
+from eivor.tools import Float, Frozen, Int
 
 Numbers = Float[np.ndarray, " k"]
 Vector = Float[np.ndarray, " n"]
@@ -73,8 +73,7 @@ def difference(states: States, measured: States) -> Float[np.ndarray, "... 12 st
     return np.concatenate([left[..., :6, :], turn, left[..., 10:, :]], axis=-2)
 
 
-@dataclass(frozen=True)
-class Windows:
+class Windows(Frozen):
     """Windows of one flight, side by side."""
 
     logged: LoggedState
@@ -146,8 +145,7 @@ def weights_of(
     return roots, noise * np.clip(scale, 0.3, 3.0)
 
 
-@dataclass(frozen=True)
-class Minimum:
+class Minimum(Frozen):
     """A minimum of output errors."""
 
     structure: Structure
@@ -191,8 +189,7 @@ class Minimum:
         return Linearised(np.stack(scores), np.stack(slopes) + added, scale)
 
 
-@dataclass(frozen=True)
-class Linearised:
+class Linearised(Frozen):
     """Scores and slopes of clusters of windows at a minimum, of scaled parameters."""
 
     scores: Float[np.ndarray, "clusters n"]
@@ -266,8 +263,7 @@ AKAIKE = 2.0
 ROUNDS = 8
 
 
-@dataclass(frozen=True)
-class Structure:
+class Structure(Frozen):
     """Terms of the equations that windows see, those of them that are kept and free, and every value."""
 
     windows: tuple[Windows, ...]

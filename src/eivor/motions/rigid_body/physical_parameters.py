@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -19,7 +19,7 @@ from eivor.logs.channel_map import Expression, parse_expression
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
 from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import InputMap, Mixed, Power, input_map
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 #: What may be supplied, and what stands in sentences for it.
 SUPPLIED = {
@@ -31,8 +31,7 @@ SUPPLIED = {
 }
 
 
-@dataclass(frozen=True)
-class Formula:
+class Formula(Frozen):
     """A number by what flights identify and what may be supplied, such as ``mass * drag_x``."""
 
     text: str
@@ -61,8 +60,7 @@ class Formula:
 LEVEL = 0.95
 
 
-@dataclass(frozen=True)
-class Combinations:
+class Combinations(Frozen):
     """What a flight identifies of a vehicle, in the order of its names."""
 
     names: tuple[str, ...]  # Such as ``roll_gain``
@@ -200,8 +198,7 @@ BY_COUPLING = {
 }
 
 
-@dataclass(frozen=True)
-class YawInertiaRoute:
+class YawInertiaRoute(Frozen):
     """A way to Izz."""
 
     words: str
@@ -361,8 +358,7 @@ THRUST_WORDS = {
 }
 
 
-@dataclass(frozen=True)
-class PhysicalParameter:
+class PhysicalParameter(Frozen):
     """A physical parameter."""
 
     name: str
@@ -469,8 +465,7 @@ WIDE, WIDE_AIR = (0.1, 0.25), (0.5, 1.0)
 OF_THE_AIR = frozenset({*DRAGS, *(f"quadratic_drag_{axis}" for axis in "xyz"), "translational_lift"})
 
 
-@dataclass(frozen=True, slots=True)
-class PhysicalParameters:
+class PhysicalParameters(Frozen):
     """All of them, and what speaks against them."""
 
     numbers: Mapping[str, Implied]  # By name

@@ -26,7 +26,7 @@ from eivor.signals.filters import Series, low_passed, shifted_by, time_derivativ
 from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import input_map
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 # -- Terms --
 
@@ -246,8 +246,7 @@ INSTRUMENT_DELAYS_S = (-0.02, 0.0, 0.02)
 UNLAGGED = {item.name for item in (*GYROSCOPIC_MOMENT, *ALL_DRAG_MOMENTS)}
 
 
-@dataclass(frozen=True)
-class AxisInstruments:
+class AxisInstruments(Frozen):
     """Instruments of every equation of one flight: references with their lags, and what they predict."""
 
     rotors: RotorStates
@@ -451,8 +450,7 @@ class RotorStates:
         return self.flight.input.state(self._logged, self.flight.signals.step_s, **path)
 
 
-@dataclass(frozen=True, kw_only=True)
-class BodyEquation(AxisEquation):
+class BodyEquation(AxisEquation, kw_only=True):
     """One of the equations with the rotors of a flight, whose states all of them share."""
 
     rotors: RotorStates = field(compare=False)

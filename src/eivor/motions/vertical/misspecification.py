@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from eivor.motions.vertical.regression import MAPPED, RADII, SUPPLY, VOLTAGE_SHA
 from eivor.motions.vertical.select import rotated, vertical_row
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import GRAVITY, Channel, Finding
-from eivor.tools import Complex, Float, capitalised
+from eivor.tools import Complex, Float, Frozen, capitalised
 
 # -- Omitted-variable tests --
 
@@ -125,8 +125,7 @@ def _linear(problem: VerticalFlights, estimate: Estimate) -> SpectralRegression:
     return replace(bins, regressors=np.column_stack([bins.regressors, *slopes]), parameters=parameters)
 
 
-@dataclass(frozen=True, slots=True)
-class OmittedTerms:
+class OmittedTerms(Frozen):
     """Tests of the terms that the model leaves out."""
 
     differences: Mapping[str, Difference] = field(default_factory=dict)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property, reduce
 
 import numpy as np
@@ -27,7 +27,7 @@ from eivor.motions.vertical.select import INPUTS, FittedCurve
 from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import InputMap, Power, input_map
-from eivor.tools import Float
+from eivor.tools import Float, Frozen
 
 # -- Equation --
 
@@ -41,7 +41,6 @@ PER_INPUT, RADII, VOLTAGE_SHARE = "lift_per_input", "radii", "voltage_share"
 AT_ONCE = {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
 
 
-@dataclass(frozen=True)
 class VerticalEquation(AxisEquation):
     """Equation of the vertical motion, with the mapped input in place of the logged one."""
 
@@ -118,8 +117,7 @@ DRAG, GROUND, SUPPLY = "quadratic_drag", "ground_effect", "supply"
 TREND = 3
 
 
-@dataclass(frozen=True, kw_only=True)
-class OptionalTerm(Term):
+class OptionalTerm(Term, kw_only=True):
     """A term that a user may add to the equation."""
 
     behind: bool = True  # So that it comes after the gain
@@ -201,8 +199,7 @@ def explained(
 # -- Flights --
 
 
-@dataclass(frozen=True, kw_only=True)
-class VerticalFlights(lagged_runs.LaggedRuns):
+class VerticalFlights(lagged_runs.LaggedRuns, kw_only=True):
     """Regressions of vertical motion for each actuator lag and delay."""
 
     flights: tuple[PreparedFlight, ...]
@@ -323,8 +320,7 @@ MIDDLE_FRICTION = 0.4
 ROUGH_GAIN = 0.25
 
 
-@dataclass(frozen=True)
-class WeightBalance:
+class WeightBalance(Frozen):
     """Hover input and its drift by thrust that is the weight: neither a gain nor an instrument is needed."""
 
     problem: VerticalFlights
@@ -373,8 +369,7 @@ class WeightBalance:
         return ThrustDrift(-GRAVITY * slope, half_width, _duration_s(self.problem), exponent)
 
 
-@dataclass(frozen=True)
-class Balance:
+class Balance(Frozen):
     """Means over the runs of the terms of the equation of motion, at an estimate."""
 
     problem: VerticalFlights
@@ -474,8 +469,7 @@ def _variance_of_mean(problem: VerticalFlights, residual: Float[np.ndarray, " n"
     )
 
 
-@dataclass(frozen=True, slots=True)
-class ThrustDrift:
+class ThrustDrift(Frozen):
     """Line in time of the thrust of one command, which rows of long runs lose, with a 95 % interval."""
 
     rate: float  # Change of the thrust over mass in a second [m/s^3]
