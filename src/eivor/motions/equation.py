@@ -266,8 +266,8 @@ class DeclaredMotion(motion.Motion[R]):
         behind = tuple(term.parameter for axis in logged for term in axis.terms if term.behind)
         slack_s = max(flight.command_slack_s for flight in flights)
         late = not behind and slack_s > 0.0 and any(axis.averaged for axis in logged)
-        delayed = tuple(t.parameter for axis in logged for t in axis.terms if axis.is_late(t))
-        fixed, moving = (tuple(p for p in steady if p not in delayed), delayed) if late else (steady, behind)
+        delayed = tuple(t.parameter for axis in logged for t in axis.terms if late and axis.is_late(t))
+        fixed, moving = tuple(p for p in steady if p not in delayed), delayed or behind
         columns = []
         for number, (flight, axes) in enumerate(zip(flights, by_flight, strict=True)):
             for index, axis in axes.items():

@@ -173,19 +173,19 @@ class StatePropagator(Frozen):
         return turning
 
     @cached_property
-    def _nodes(self) -> list[tuple[float, ...]]:
-        return list(dict.fromkeys(tuple(actuators(item).values()) for item in self.models))
+    def _nodes(self) -> list[tuple[tuple[str, float], ...]]:
+        return list(dict.fromkeys(tuple(actuators(item).items()) for item in self.models))
 
     @cached_property
     def _timing(self) -> Int[np.ndarray, " models"]:
-        return np.array([self._nodes.index(tuple(actuators(item).values())) for item in self.models])
+        return np.array([self._nodes.index(tuple(actuators(item).items())) for item in self.models])
 
     @cached_property
     def _rotors(self) -> list[tuple[States, States]]:
         """At samples, and with means over steps of what drives."""
         flight = self.logged.flight
         states = regression.RotorStates(flight, self.vehicle, self._usual, flight.signals)
-        return [states.at(*path) for path in self._nodes]
+        return [states.at(dict(path)) for path in self._nodes]
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 pairs n"]:

@@ -254,7 +254,9 @@ class AxisInstruments(Frozen):
 
     def of_axis(self, axis: BodyEquation) -> Float[np.ndarray, "n p"]:
         """Columns for one equation, some of them like columns of what its rotors do."""
-        predicted, measured = self._predicted, self.rotors.flight.input.measured
+        if self.rotors.predicted is None:
+            self.rotors.predicted = self._predicted()
+        predicted, measured = self.rotors.predicted, self.rotors.flight.input.measured
         if axis.turns:
             kept = tuple(item for item in axis.terms if item.name not in UNLAGGED)
             moving = Driven(replace(axis, rotors=predicted, terms=kept), predicted.signals)
@@ -268,7 +270,7 @@ class AxisInstruments(Frozen):
             texts = tuple(of for of in texts if {*MOVED, SPEED}.isdisjoint(parsed(of).columns))
         # what is commanded, in place of states
         spin = predicted.vehicle.arms[3] @ predicted.flight.signals.family(predicted.flight.input.name).T
-        given = {**predicted.numbers, "spin": spin}
+        given = {**predicted.vehicle.numbers, "spin": spin}
         return np.column_stack([*columns, *(evaluated(parsed(of), predicted.signals, given) for of in texts)])
 
     def _references(self, axis: int, lags: tuple[int, float]) -> Float[np.ndarray, "n p"]:
@@ -284,35 +286,26 @@ class AxisInstruments(Frozen):
         result = cross_fitted(self._references(axis, lags), values[:, None], used)[:, 0]
         return np.clip(result, values[used].min(), values[used].max()) if used.any() else result
 
-    @cached_property
-    def _rotors(self) -> dict[str, Series]:
-        """Commands of the rotors, put together of what lifts and what turns."""
-        name, vehicle = self.rotors.flight.input.name, self.rotors.vehicle
-        logged = self.rotors.flight.signals.family(name)
-        parts = vehicle.arms.T
-        shares = np.linalg.lstsq(parts, logged.T, rcond=None)[0].T
-        chosen = (BY_AXIS[2], *((axis, QUICK) for axis in range(FORCE_X_EQUATION)))
-        pairs, used = zip(shares.T, chosen, strict=True), logged[self.rotors.flight.used]
-        selected = np.column_stack([self._by_references(share, axis, lags) for share, (axis, lags) in pairs])
-        rotors = np.clip(selected @ parts.T, used.min(), used.max())
-        return {f"{name}_{number + 1}": column for number, column in enumerate(rotors.T)}
-
-    @cached_property
     def _predicted(self) -> RotorStates:
         """The same flight with predictions in place of its commands, rates and velocity."""
-        signals, says = self.rotors.flight.signals, self._by_references
-        channels = dict(signals.channels)
-        for axis in (ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION):
-            name = AXES[axis].rate
-            channels[name] = says(signals.channel(name), axis, QUICK)
-        channels |= self._rotors
+        flight, vehicle, says = self.rotors.flight, self.rotors.vehicle, self._by_references
+        signals, names = flight.signals, [axis.rate for axis in AXES]
+        turning = [(axis, QUICK) for axis in range(FORCE_X_EQUATION)]
+        # commands are put together of what lifts and what turns
+        logged = signals.family(flight.input.name)
+        shares = np.linalg.lstsq(vehicle.arms.T, logged.T, rcond=None)[0]
+        pairs = zip(shares, (BY_AXIS[2], *turning), strict=True)
+        used, selected = logged[flight.used], np.stack([says(share, *of) for share, of in pairs])
+        rotors = np.clip(vehicle.arms.T @ selected, used.min(), used.max())
+        channels = {**signals.channels, **dict(zip(flight.driving, rotors, strict=True))}
+        channels |= {n: says(signals.channel(n), *of) for n, of in zip(names, turning, strict=True)}
         velocity = body_velocity(signals)
         if velocity is not None:
-            for name, along, of in zip(VELOCITY, velocity.T, BY_AXIS, strict=True):
-                channels[name] = says(along, *of)
+            pairs = zip(velocity.T, BY_AXIS, strict=True)
+            channels |= zip(VELOCITY, (says(along, *of) for along, of in pairs), strict=True)
             for part in "wxyz":
                 channels[f"attitude_{part}"] = np.full(signals.sample_count, float(part == "w"))
-        flight = replace(self.rotors.flight, signals=replace(signals, channels=channels))
+        flight = replace(flight, signals=replace(signals, channels=channels))
         return replace(self.rotors, flight=flight, signals=body_signals(flight), _last=None)
 
 
@@ -401,24 +394,21 @@ class RotorStates:
     signals: Signals  # What no lag moves
     #: Izz over Ixx and Iyy, by which what rotors that spin turn goes with their reaction; None without it
     inertia_ratios: tuple[float, float] | None = None
-    _last: tuple[tuple[float, ...], tuple[States, States]] | None = None
-    _instruments: AxisInstruments | None = None
+    _last: tuple[Mapping[str, float], tuple[States, States]] | None = None
+    predicted: RotorStates | None = None  # What references predict of the same
 
-    def at(
-        self, lag_s: float = 0.0, delay_s: float = 0.0, second_stage: float = 0.0, asymmetry: float = 0.0
-    ) -> tuple[States, States]:
+    def at(self, path: Mapping[str, float]) -> tuple[States, States]:
         """Sums over the rotors at a lag and a delay; the same with means over steps of what drives."""
-        path = (lag_s, delay_s, second_stage, asymmetry)
         if self._last is None or self._last[0] != path:
             thrust_of, step_s = input_map(self.flight.input_map), self.flight.signals.step_s
-            state, between = (
-                self._moved(lag_s, delay_s + later, second_stage, asymmetry) for later in (0.0, 0.5 * step_s)
-            )
+            later = {**path, "delay_s": path["delay_s"] + 0.5 * step_s}
+            state, between = (self.flight.input.state(self._logged, step_s, **to) for to in (path, later))
             thrust, halfway = (self.vehicle.arms @ thrust_of(item).T for item in (state, between))
             # Simpson's rule: a rotor follows its command smoothly within a step
             mean = (before(thrust) + 4.0 * halfway + thrust) / 6.0
             *sums, spin = self.vehicle.sums @ state.T
             states = dict(zip(STATES, (*(item / self.usual for item in sums), spin), strict=True))
+            states |= zip(RATIOS, self.inertia_ratios or (), strict=False)
             changes = time_derivative(spin, step_s), change_over_step(spin, step_s)
             now, means = (
                 {**states, **dict(zip(THRUSTS, driving, strict=True)), SPIN_UP: change}
@@ -427,27 +417,10 @@ class RotorStates:
             self._last = path, (now, means)
         return self._last[1]
 
-    @property
-    def numbers(self) -> States:
-        """What terms are over beside series."""
-        return {**self.vehicle.numbers, **dict(zip(RATIOS, self.inertia_ratios or (), strict=False))}
-
-    def by_references(self, rule: separable.LaggedReferences) -> AxisInstruments:
-        """Instruments of every equation."""
-        if self._instruments is None or self._instruments.rule != rule:
-            self._instruments = AxisInstruments(self, rule)
-        return self._instruments
-
     @cached_property
     def _logged(self) -> Float[np.ndarray, "n rotors"]:
         """What was logged of the rotors, each rotor's values side by side in memory."""
         return np.asfortranarray(self.flight.signals.family(self.flight.input.name))
-
-    def _moved(
-        self, lag_s: float, delay_s: float, second_stage: float, asymmetry: float
-    ) -> Float[np.ndarray, "n rotors"]:
-        path = {"lag_s": lag_s, "delay_s": delay_s, "second_stage": second_stage, "asymmetry": asymmetry}
-        return self.flight.input.state(self._logged, self.flight.signals.step_s, **path)
 
 
 class BodyEquation(AxisEquation, kw_only=True):
@@ -460,17 +433,13 @@ class BodyEquation(AxisEquation, kw_only=True):
         return self.name in TURNING
 
     def states(self, _logged: object, _signals: Signals, path: Mapping[str, float]) -> States:
-        return self.rotors.at(**path)[self.turns]
+        return self.rotors.at(path)[self.turns]
 
     def columns(
-        self,
-        signals: Signals,
-        texts: Sequence[str],
-        states: States | None = None,
-        delay_s: float = 0.0,
+        self, signals: Signals, texts: Sequence[str], states: States | None = None, delay_s: float = 0.0
     ) -> Float[np.ndarray, "n k"]:
         """As logged: behind its sensor's filter, where they are not made of filtered rates."""
-        results = super().columns(signals, texts, {**self.rotors.numbers, **(states or {})}, delay_s)
+        results = super().columns(signals, texts, {**self.rotors.vehicle.numbers, **(states or {})}, delay_s)
         for text, column in zip(texts, results.T, strict=True):
             if self.turns and not (drives(text) or text in self.response):
                 column[:] = mean_over_step(column)
@@ -500,7 +469,7 @@ class BodyEquation(AxisEquation, kw_only=True):
 
     def instruments(self, signals: Signals, rule: separable.InstrumentRule, others: set[str]) -> np.ndarray:
         if isinstance(rule, separable.LaggedReferences):
-            return self.rotors.by_references(rule).of_axis(self)
+            return AxisInstruments(self.rotors, rule).of_axis(self)
         return super().instruments(signals, rule, others)
 
 
@@ -509,10 +478,8 @@ def equations_of(
 ) -> dict[int, AxisEquation]:
     """Equations of one of several flights, by number, with the terms that all flights are logged for."""
     known = set.intersection(*({*item.signals.channels} for item in flights))
-    moves, rotors = (
-        {*NEEDED} <= known,
-        RotorStates(flight, vehicle, usual_state(flights), body_signals(flight)),
-    )
+    rotors = RotorStates(flight, vehicle, usual_state(flights), body_signals(flight))
+    moves = {*NEEDED} <= known
     results = dict[int, AxisEquation]()
     for number, item in enumerate(EQUATIONS):
         turns, along_z = number < FORCE_X_EQUATION, number == FORCE_Z_EQUATION

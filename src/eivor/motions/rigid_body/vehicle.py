@@ -238,7 +238,7 @@ class KnownVehicle(Frozen):
         return np.stack([one, x, y, x * x, x * y, y * y, spin])
 
     @cached_property
-    def numbers(self) -> dict[str, float]:
+    def numbers(self) -> dict[str, Any]:
         """Sums over the rotors of powers of their places, as terms name them."""
         x, y = self.sums[1:3]
         sums = dict(zip(("rotors", "x", "y", "xx", "xy", "yy"), self.sums[:6].sum(axis=1), strict=True))
