@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eivor.errors import ConvergenceError
 from eivor.linalg.system import Solution
 from eivor.models.separable import ManyValues, Nuisance, Prior, Values
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
 
 #: Axes of a box: one increasing array for each variable.
 Box = Sequence[Float[np.ndarray, " _"]]
@@ -73,14 +79,13 @@ STARTS = 2
 LEAST_GAIN = 1e-7
 #: Evaluations, for each nuisance, before it is given up.
 MOST_EVALUATIONS = 400
-#: Share of the golden section, what the rounding of objectives hides, and steps of Brent's search.
-GOLDEN, ROUNDING, MOST_STEPS = 0.5 * (3.0 - math.sqrt(5.0)), math.sqrt(2.2e-16), 500
 
 #: Values of the nuisances that are sought, in their order.
 Point = tuple[float, ...]
 
 
-class NuisanceProfile(Frozen):
+@dataclass(frozen=True)
+class NuisanceProfile:
     """Objective over the grid of one nuisance, at the best of the others."""
 
     nuisance: Nuisance
@@ -92,7 +97,8 @@ class NuisanceProfile(Frozen):
 Minimum = tuple[dict[str, float], Solution, tuple[NuisanceProfile, ...]]
 
 
-class Trial(Frozen):
+@dataclass(frozen=True, slots=True)
+class Trial:
     """The objective at one point."""
 
     point: Point
@@ -219,6 +225,8 @@ def between(
     trial: Callable[[Point], Trial], best: Trial, bounds: tuple[float, float], tolerance: float
 ) -> Trial:
     """Least trial between two values of one nuisance, by Brent's search; never worse than `best`."""
+    from scipy.optimize import minimize_scalar
+
     least = best
 
     def objective(value: float) -> float:
@@ -227,86 +235,8 @@ def between(
         least = min(tried, least, key=lambda item: item.objective)
         return tried.objective
 
-    brent(objective, *bounds, tolerance)
+    minimize_scalar(objective, bounds=bounds, method="bounded", options={"xatol": tolerance})
     return least
-
-
-def brent(objective: Callable[[float], float], low: float, high: float, tolerance: float) -> None:
-    """Search for the least value between two ends (Brent 1973, ch. 5), as `scipy.optimize.fminbound`."""
-    third = second = best = low + GOLDEN * (high - low)
-    of_third = of_second = of_best = objective(best)
-    before = moved = 0.0
-    for _ in range(MOST_STEPS):
-        middle, apart = 0.5 * (low + high), ROUNDING * abs(best) + tolerance / 3.0
-        if abs(best - middle) <= 2.0 * apart - 0.5 * (high - low):
-            return
-        wide, use_golden = 2.0 * apart, True
-        if abs(before) > apart:  # a parabola through the last three, where it leads inside and moves less
-            r, q = (best - second) * (of_best - of_third), (best - third) * (of_best - of_second)
-            p, q = (best - third) * q - (best - second) * r, 2.0 * (q - r)
-            p, q = -p if q > 0.0 else p, abs(q)
-            use_golden = not (abs(p) < abs(0.5 * q * before) and q * (low - best) < p < q * (high - best))
-            before = moved
-            if not use_golden:
-                moved = p / q
-                if best + moved - low < wide or high - (best + moved) < wide:
-                    moved = apart if middle >= best else -apart
-        if use_golden:
-            before = low - best if best >= middle else high - best
-            moved = GOLDEN * before
-        tried = best + (max(moved, apart) if moved >= 0.0 else min(moved, -apart))
-        value = objective(tried)
-        if value <= of_best:
-            low, high = (best, high) if tried >= best else (low, best)
-            third, of_third, second, of_second = second, of_second, best, of_best
-            best, of_best = tried, value
-            continue
-        low, high = (tried, high) if tried < best else (low, tried)
-        if value <= of_second or second == best:
-            third, of_third, second, of_second = second, of_second, tried, value
-        elif value <= of_third or third in (best, second):
-            third, of_third = tried, value
-
-
-def settles(
-    objective: Callable[[Float[np.ndarray, " q"]], float],
-    simplex: Float[np.ndarray, "q_plus_1 q"],
-    *,
-    tolerance: float,
-    most: int,
-) -> bool:
-    """Whether a simplex of Nelder and Mead (1965) gets smaller than one and as level as a tolerance."""
-    made = 0
-
-    def at(point: Float[np.ndarray, " q"]) -> float:
-        nonlocal made
-        made += 1
-        return objective(point)
-
-    values = np.array([at(point) for point in simplex])
-    while made < most:
-        order = np.argsort(values)
-        simplex, values = simplex[order], values[order]
-        if np.abs(simplex[1:] - simplex[0]).max() <= 1.0 and values[-1] - values[0] <= tolerance:
-            return True
-        centre, worst = np.add.reduce(simplex[:-1], 0) / (len(simplex) - 1), simplex[-1]
-        point = 2.0 * centre - worst
-        value = at(point)
-        if value < values[0]:
-            further = 3.0 * centre - 2.0 * worst
-            if (of_further := at(further)) < value:
-                point, value = further, of_further
-        elif value >= values[-2]:
-            before, outside = value, value < values[-1]
-            weight = 0.5 if outside else -0.5
-            point = (1.0 + weight) * centre - weight * worst
-            value = at(point)
-            if not (value <= before if outside else value < values[-1]):  # all approach the best
-                simplex[1:] = simplex[0] + 0.5 * (simplex[1:] - simplex[0])
-                values[1:] = [at(point) for point in simplex[1:]]
-                continue
-        simplex[-1], values[-1] = point, value
-    return False
 
 
 def bounded_search(
@@ -321,6 +251,8 @@ def bounded_search(
 ) -> Trial:
     """Least trial within the grids, from a good one, never worse; gains are small as shares of a `unit`."""
     # no derivatives, since the objective has a kink where a delay is a whole sample
+    from scipy.optimize import Bounds, OptimizeResult, minimize
+
     low, high = (np.array([nuisance.grid[end] for nuisance in unknown]) for end in (0, -1))
     names = [nuisance.name for nuisance in unknown]
     units = tolerance * np.array([item.tolerance for item in unknown])
@@ -333,35 +265,39 @@ def bounded_search(
         least = min(least, tried, key=lambda item: item.objective)
         return tried.objective
 
-    def by_simplices() -> bool:
+    def by_simplices() -> OptimizeResult:
         to_sums = np.eye(len(unknown))
         for number, nuisance in enumerate(unknown):
             if nuisance.part_of in names:
                 to_sums[names.index(nuisance.part_of), number] = 1.0
         to_values, first = np.linalg.inv(to_sums), to_sums @ np.array(best.point)
         simplex = np.vstack([first, first + np.diag(steps)]) / units
-        level = tolerance * LEAST_GAIN * unit
-        return settles(lambda sums: left_at(to_values @ (sums * units)), simplex, tolerance=level, most=most)
+        limits = {"xatol": 1.0, "fatol": tolerance * LEAST_GAIN * unit, "maxfev": most}
+        options = {"initial_simplex": simplex, **limits}
+        return minimize(
+            lambda sums: left_at(to_values @ (sums * units)),
+            simplex[0],
+            method="Nelder-Mead",
+            options=options,
+        )
 
-    def by_quadratic_models() -> bool:
-        from scipy.optimize import Bounds, minimize  # takes as long to import as most flights to estimate
-
+    def by_quadratic_models() -> OptimizeResult:
         sizes, scale = np.abs(steps), unit or 1.0
         ends = float(min(0.1 * (units / sizes).min(), 1.0))
-        result = minimize(
+        return minimize(
             lambda position: left_at(position * sizes) / scale,
             np.clip(best.point, low, high) / sizes,
             method="COBYQA",
             bounds=Bounds(low / sizes, high / sizes),
             options={"initial_tr_radius": 1.0, "final_tr_radius": ends, "maxfev": most},
         )
-        return bool(result.success)
 
-    if by_quadratic_models() if costly else by_simplices():
+    result = by_quadratic_models() if costly else by_simplices()
+    if result.success:
         return least
     expected = f"a search of {', '.join(names)} that settles"
     remedy = "Give narrower grids, what is known of one of them, or more exciting data."
-    raise ConvergenceError(expected, f"one that still gains after {most} evaluations", remedy)
+    raise ConvergenceError(expected, f"one that still gains after {result.nfev} evaluations", remedy)
 
 
 def _step(grid: Float[np.ndarray, " _"], value: float) -> float:
@@ -377,7 +313,8 @@ FEWEST_NODES, MOST_NODES = 17, 400
 CLOSER, AROUND = 8, 1
 
 
-class NodeAxis(Frozen):
+@dataclass(frozen=True)
+class NodeAxis:
     """Nodes of one nuisance."""
 
     nuisance: Nuisance
@@ -396,37 +333,16 @@ class NodeAxis(Frozen):
         """Places of values on the spline's scale."""
         return np.log(values) if self.nuisance.positive else values
 
-    def weights(self, positions: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k T"]:
-        """What each node counts at places of the scale, by the cubic spline without a knot next to an end."""
-        nodes, unit, slopes = self.nodes, np.eye(self.nodes.size), self._slopes
-        first = np.clip(np.searchsorted(nodes, positions, side="right") - 1, 0, nodes.size - 2)
-        step, rise = np.diff(nodes)[first, None], unit[first + 1] - unit[first]
-        t = (positions[:, None] - nodes[first, None]) / step
-        bend = (1.0 - t) * (step * slopes[first] - rise) - t * (step * slopes[first + 1] - rise)
-        return np.asarray(unit[first] + t * (rise + (1.0 - t) * bend))
-
     @cached_property
-    def _slopes(self) -> Float[np.ndarray, "T T"]:
-        """The spline's slope at each node, by the values at all of them."""
-        h, count = np.diff(self.nodes)[:, None], self.nodes.size
-        if count < 4:  # a parabola or a line
-            powers, degrees = self.nodes[:, None] ** np.arange(count), np.arange(1, count)
-            derivatives = np.hstack([np.zeros((count, 1)), degrees * powers[:, :-1]])
-            return np.linalg.solve(powers.T, derivatives.T).T
-        chords = np.diff(np.eye(count), axis=0) / h
-        A, b, inner = np.zeros((count, count)), np.zeros((count, count)), np.arange(1, count - 1)
-        A[inner, inner - 1], A[inner, inner + 1] = h[1:, 0], h[:-1, 0]
-        A[inner, inner] = 2.0 * (h[:-1] + h[1:])[:, 0]
-        b[inner] = 3.0 * (h[1:] * chords[:-1] + h[:-1] * chords[1:])
-        for turned in (slice(None), slice(None, None, -1)):
-            (last, next_to), (of_last, of_next) = h[turned][:2], chords[turned][:2]
-            both = last + next_to
-            A[turned, turned][0, :2] = next_to[0], both[0]
-            b[turned][0] = ((last + 2.0 * both) * next_to * of_last + last**2 * of_next) / both
-        return np.linalg.solve(A, b)
+    def weights(self) -> CubicSpline:
+        """What each node counts, at places between them."""
+        from scipy.interpolate import CubicSpline
+
+        return CubicSpline(self.nodes, np.eye(self.nodes.size))
 
 
-class Nodes(Frozen):
+@dataclass(frozen=True)
+class Nodes:
     """Product of the nodes of several nuisances; one node for none."""
 
     axes: tuple[NodeAxis, ...]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import scipy
@@ -12,11 +11,6 @@ import scipy
 ANGLES = 200
 #: A larger strength leaves no more than a normal variable has.
 MUCH = 1e6
-#: Secants of a search for a root, at most, and a step of it that is none.
-MOST_SECANTS, CLOSE = 100, 1e-12
-
-#: A value, and that of a function there.
-Point = tuple[float, float]
 
 
 def normal_quantile(level: float) -> float:
@@ -69,20 +63,6 @@ def conditional_ratio_quantile(level: float, degrees: float, strength: float) ->
         return float(weights @ below / weights.sum()) - level
 
     low, high = chi_square_quantile(level, 1), chi_square_quantile(level, degrees)
-    below, above = excess(low), excess(high)
-    if not below < 0.0 < above:  # by rounding: both ends are near where a degree is left over
-        return low if below >= 0.0 else high
-    return _root(excess, (low, below), (high, above))
-
-
-def _root(function: Callable[[float], float], first: Point, second: Point) -> float:
-    """Root between two points of a function with values of either sign, by the Illinois rule of secants."""
-    (low, below), (value, left) = first, second
-    for _ in range(MOST_SECANTS):
-        before, value = value, value - left * (value - low) / (left - below)
-        of_value = function(value)
-        if abs(value - before) <= CLOSE * abs(value):
-            break
-        low, below = (before, left) if of_value * left < 0.0 else (low, 0.5 * below)
-        left = of_value
-    return value
+    if not excess(low) < 0.0 < excess(high):  # by rounding: both ends are near where a degree is left over
+        return low if excess(low) >= 0.0 else high
+    return float(scipy.optimize.brentq(excess, low, high))
