@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import islice
 from typing import TYPE_CHECKING
@@ -12,7 +13,6 @@ from threadpoolctl import threadpool_limits
 
 from eivor.errors import EivorError, InputError, UsageError
 from eivor.process_pool import TASKS_PER_WORKER, Executor, Item, Result, Results
-from eivor.tools import Frozen
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -24,7 +24,8 @@ PATIENCE_S = 10
 NUMERIC_PACKAGES = ("eivor", "numpy", "scipy")
 
 
-class DaskCluster(Executor, Frozen):
+@dataclass(frozen=True, slots=True)
+class DaskCluster(Executor):
     """On the workers of a Dask scheduler; what a lost worker had at hand is computed by another."""
 
     address: str

@@ -16,6 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from multiprocessing import spawn
@@ -25,7 +26,6 @@ from typing import Any, BinaryIO, TypeVar, cast
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.tools import Frozen
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -61,7 +61,8 @@ class _DiedError(Exception):
     """A process that ended before it answered, or ran out of memory: perhaps because of earlier items."""
 
 
-class Limits(Frozen):
+@dataclass(frozen=True, slots=True)
+class Limits:
     """Resources of one item; each above zero, else a `UsageError` is raised."""
 
     time_s: float = 600.0  # by the clock
@@ -333,7 +334,8 @@ class Executor(ABC):
         """Result of each item with the item's place, in any order, as they are done; see `in_order`."""
 
 
-class InProcess(Executor, Frozen):
+@dataclass(frozen=True, slots=True)
+class InProcess(Executor):
     """One after another, in this process."""
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Results[Result]:
@@ -343,7 +345,8 @@ class InProcess(Executor, Frozen):
             yield index, result
 
 
-class LocalThreads(Executor, Frozen):
+@dataclass(frozen=True, slots=True)
+class LocalThreads(Executor):
     """In threads of this process: for tasks that wait for processes of their own, as those of a fleet do."""
 
     workers: int  # at least one, else a `UsageError` is raised
@@ -374,7 +377,8 @@ class LocalThreads(Executor, Frozen):
             pool.shutdown(cancel_futures=True)
 
 
-class LocalProcesses(Executor, Frozen):
+@dataclass(frozen=True, slots=True)
+class LocalProcesses(Executor):
     """In processes of this computer."""
 
     workers: int  # at least one, else a `UsageError` is raised

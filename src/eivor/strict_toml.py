@@ -7,7 +7,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -16,7 +16,6 @@ import msgspec
 from msgspec import inspect
 
 from eivor.errors import InputError, did_you_mean, nearest_names
-from eivor.tools import Frozen
 
 T = TypeVar("T")
 #: A text that is not empty.
@@ -40,7 +39,8 @@ _PLACE = re.compile(r"(.*?)(?: - at `(?:key in )?\$(.*)`)?", re.DOTALL)
 _STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 
 
-class TomlTable(Frozen):
+@dataclass(frozen=True, slots=True)
+class TomlTable:
     """A table of a file."""
 
     values: Mapping[str, Any]  # Keys and values as read
@@ -190,7 +190,8 @@ def package_tables(package: str, file: str = "sources.toml") -> dict[str, Any]:
 ENDING = ".toml"
 
 
-class TomlFiles(Frozen):
+@dataclass(frozen=True)
+class TomlFiles:
     """Files of one kind: those that come with Eivor in a folder of a package, and a user's own."""
 
     package: str

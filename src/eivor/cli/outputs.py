@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from dataclasses import dataclass
 from enum import IntEnum
 from fnmatch import fnmatchcase
 from functools import partial, wraps
@@ -27,7 +28,6 @@ from eivor import tools
 from eivor.atomic_file import check_writable, write_atomically
 from eivor.errors import EivorError, InputError, UsageError
 from eivor.strict_toml import package_tables
-from eivor.tools import Frozen
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -65,13 +65,15 @@ def fleet_paths(text: str) -> Iterable[Path]:
     return _files_in(Path(text), (*FLEET_FILES, *FLEET_PARTS))
 
 
-class Reads(Frozen):
+@dataclass(frozen=True, slots=True)
+class Reads:
     """Declares that a parameter names what the command reads: the guard of outputs protects it."""
 
     paths: Callable[[str], Iterable[Path]] = lambda text: [Path(text)]
 
 
-class Writes(Frozen):
+@dataclass(frozen=True, slots=True)
+class Writes:
     """Declares that a parameter names a file that the command writes, or a folder of such files."""
 
     inside: tuple[str, ...] = ()  # Patterns of the files that are written into the folder

@@ -22,7 +22,7 @@ from eivor.inference.estimating_equation import Products, products_of_rows
 from eivor.linalg.system import LinearSystem, Solver
 from eivor.models.regression import LinearProblem, Parameter, Regression, SampleRows
 from eivor.models.separable import Prior, SeparableProblem, Values
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 #: A block starts at one of at least so many places within a block's length, where rows allow it.
 STEPS_PER_BLOCK = 8
@@ -32,7 +32,8 @@ FINEST_ATOMS = 4096
 NEGLIGIBLE = 2.0
 
 
-class BlockPlan(Frozen):
+@dataclass(frozen=True, slots=True)
+class BlockPlan:
     """Rows in atoms, and atoms in blocks of one length, the record joined end to start."""
 
     rows: int
@@ -205,7 +206,8 @@ def products_by_flight(rows: Regression) -> Products:
 SMALLEST_POWER = 1e-8
 
 
-class Replicate(Frozen):
+@dataclass(frozen=True)
+class Replicate:
     """The estimate of one draw of flights."""
 
     nuisances: Values  # Value of every nuisance
@@ -213,7 +215,8 @@ class Replicate(Frozen):
     weights: Float[np.ndarray, " T"]
 
 
-class PoolFlights(Frozen):
+@dataclass(frozen=True)
+class PoolFlights:
     """A pool, ready to be estimated again from any draw of its flights."""
 
     flights: tuple[int, ...]  # Numbers of the flights that have rows

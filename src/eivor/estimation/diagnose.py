@@ -27,7 +27,7 @@ from eivor.linalg.total_least_squares import LeastSquares
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.signal_regression import SignalRegression
 from eivor.models.spectral import BinRows
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 if TYPE_CHECKING:
     import polars as pl
@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 SHARED_ROUNDING = 1e-9
 
 
-class Record(Frozen):
+@dataclass(frozen=True)
+class Record:
     """A record as its diagnostics see it."""
 
     products: EquationProducts  # With the method's test functions psi as instruments

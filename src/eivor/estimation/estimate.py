@@ -27,7 +27,7 @@ from eivor.linalg import system as linalg
 from eivor.linalg.total_least_squares import row_lengths
 from eivor.models.regression import LinearProblem, Parameter, Regression, RowBlock, SampleRows
 from eivor.models.spectral import BinRows
-from eivor.tools import Float, Frozen, html_table
+from eivor.tools import Float, html_table
 
 if TYPE_CHECKING:
     import polars as pl
@@ -545,7 +545,8 @@ Function = Callable[[Mapping[str, float]], float]
 OfVector = Callable[[cov.Vector], float]
 
 
-class DerivedQuantity(Frozen):
+@dataclass(frozen=True, slots=True)
+class DerivedQuantity:
     """A function of the parameters."""
 
     value: float  # At the estimate

@@ -6,7 +6,7 @@ import sys
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -36,7 +36,7 @@ from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.regression import LinearProblem, Parameter, Regression
 from eivor.models.separable import LinearisableProblem, Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: What methods estimate from.
 Problem = LinearProblem | SeparableProblem | ProblemMoments
@@ -77,7 +77,8 @@ class Method(ABC):
 OUTPUT_ERROR = "output_error"
 
 
-class OutputError(Method, Frozen):
+@dataclass(frozen=True)
+class OutputError(Method):
     """Least multi-step prediction errors of a motion, from the estimate of another method."""
 
     first: Method
@@ -267,7 +268,8 @@ def user_level() -> int:
 LEAST_SHARE = 0.1
 
 
-class LinearMethod(Method, Frozen):
+@dataclass(frozen=True, slots=True)
+class LinearMethod(Method):
     """A method that is linear in its parameters, but for nuisances."""
 
     name: str  # The word that results and the command line use

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement, pairwise
 from typing import TypeGuard
 
@@ -18,7 +18,7 @@ from eivor.inference.estimating_equation import Products, block_edges, products_
 from eivor.linalg import system as linalg
 from eivor.models.regression import Column, LinearProblem, Parameter, Regression, RowBlock
 from eivor.models.signal_regression import SignalRegression
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 #: Samples folded into one row.
 FOLD = 8
@@ -217,7 +217,8 @@ def root_of_rows(problem: LinearProblem) -> tuple[int, Float[np.ndarray, "k n_pl
     return rows.response.size, linalg.triangular_root(np.column_stack([rows.regressors, rows.response]))
 
 
-class TriangularMoments(Frozen):
+@dataclass(frozen=True, slots=True)
+class TriangularMoments:
     """Triangular root of the rows [Phi y]."""
 
     rows: float  # Number of them
@@ -231,7 +232,8 @@ class TriangularMoments(Frozen):
         return TriangularMoments(self.rows + other.rows, linalg.merged_roots(self.root, other.root), noise)
 
 
-class CrossMoments(Frozen):
+@dataclass(frozen=True, slots=True)
+class CrossMoments:
     """Mean cross-products of the instruments with [Phi y], a view of a table of products."""
 
     products: Products  # [psi phi y]
@@ -273,7 +275,8 @@ class CrossMoments(Frozen):
 Moments = TriangularMoments | CrossMoments
 
 
-class ProblemMoments(Frozen):
+@dataclass(frozen=True)
+class ProblemMoments:
     """Moments of a problem, with the names of its parameters."""
 
     parameters: tuple[Parameter, ...]
@@ -359,7 +362,8 @@ class Assembler(ABC):
         return rows.instruments if self.needs_instruments else rows.regressors
 
 
-class Direct(Assembler, Frozen):
+@dataclass(frozen=True, slots=True)
+class Direct(Assembler):
     """The rows themselves are the equations: Phi theta = y, the paper's (9), (13). Never squared."""
 
     needs_instruments = False
@@ -375,14 +379,16 @@ class Direct(Assembler, Frozen):
         return linalg.LinearSystem(moments.root[:, :-1], moments.root[:, -1], moments.noise, moments.rows)
 
 
-class Instrumental(Assembler, Frozen):
+@dataclass(frozen=True, slots=True)
+class Instrumental(Assembler):
     """Mean cross-products with the instruments: Psi'Phi theta = Psi'y, the paper's (23)."""
 
     needs_instruments = True
     plain_products = True
 
 
-class Compensated(Assembler, Frozen):
+@dataclass(frozen=True, slots=True)
+class Compensated(Assembler):
     """Cross-products without what the measurement noises add: (R_psi_phi - C) theta = r_psi_y - c."""
 
     # Equations (29), (15) of the paper.
@@ -417,7 +423,8 @@ def _other_kind(expected: str, moments: Moments) -> UsageError:
     )
 
 
-class FittedNoise(Frozen):
+@dataclass(frozen=True, slots=True)
+class FittedNoise:
     """A noise whose spectrum is strength^2 |difference|^(2 order)."""
 
     of: str

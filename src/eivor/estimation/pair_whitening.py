@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import EllipsisType
 
@@ -18,7 +18,7 @@ from eivor.models.regression import Regression
 from eivor.models.separable import Nuisance, SampledState, SeparableProblem, Values
 from eivor.models.spectral import BinRows, SpectralRegression
 from eivor.signals.noise import WhiteNoise
-from eivor.tools import Complex, Float, Frozen, Int
+from eivor.tools import Complex, Float, Int
 
 PerBin = Float[np.ndarray, " bins"]
 Vector = Float[np.ndarray, " n"]
@@ -29,7 +29,8 @@ STRENGTH_AT_HZ = 1.0
 ROUNDING = 1e-8
 
 
-class PairedBins(Frozen):
+@dataclass(frozen=True)
+class PairedBins:
     """Bins of all runs at some parameters."""
 
     layout: BinRows
@@ -190,7 +191,8 @@ def recoloured(
     )
 
 
-class CombinedProblem(SeparableProblem, Frozen):
+@dataclass(frozen=True)
+class CombinedProblem(SeparableProblem):
     """A problem whose candidates for the response are combined, with weights of each bin."""
 
     problem: SeparableProblem  # With two candidates
@@ -208,6 +210,7 @@ class CombinedProblem(SeparableProblem, Frozen):
         return replace(bins, responses=(responses(bins) * self.weights).sum(axis=1, keepdims=True))
 
 
+@dataclass(frozen=True)
 class PairRows(WhitenedRows):
     """Rows of one pass, by a noise model that was fitted to residuals."""
 
@@ -258,7 +261,8 @@ def _weighted(
     return PairRows(combined, renewals, blend, power, basis, pair=problem, C=C, corrected=corrected)
 
 
-class PairWhitening(RowWeighting, Frozen):
+@dataclass(frozen=True, slots=True)
+class PairWhitening(RowWeighting):
     """Combine both equations of a sampled state by the spectrum of what they leave."""
 
     corrected: bool  # By the residuals' periodogram; else the likelihood's model as it is

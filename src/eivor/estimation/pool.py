@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import cast
 
@@ -22,10 +22,11 @@ from eivor.inference.random_effects import Grouped, one_group
 from eivor.models.regression import Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 
-class MemberSlopes(Frozen):
+@dataclass(frozen=True)
+class MemberSlopes:
     """What a flight says of its own vector at the pool's estimate."""
 
     seen: Float[np.ndarray, "q v"]
@@ -50,7 +51,8 @@ def member_slopes(
     return MemberSlopes(seen, jacobian.T @ jacobian, meat, columns, float(residual @ residual))
 
 
-class PoolJoint(Frozen):
+@dataclass(frozen=True)
+class PoolJoint:
     """Linearised pool: every flight's own parameters, then what is shared, then continuous nuisances."""
 
     criterion: sets.Criterion
@@ -163,7 +165,8 @@ DIFFERENT = 0.05
 CommonValue = tuple[float, Float[np.ndarray, " F"], float | None]
 
 
-class Pooled(Frozen):
+@dataclass(frozen=True)
+class Pooled:
     """Estimates of a pool."""
 
     estimates: tuple[Estimate, ...]

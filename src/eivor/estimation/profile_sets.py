@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import repeat
 from math import inf
@@ -26,13 +26,14 @@ from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.models.separable import ManyValues, Prior, SeparableProblem, Values, values_of
 from eivor.models.spectral import BinRows
 from eivor.signals.signals import stretches
-from eivor.tools import Bool, Float, Frozen, Int
+from eivor.tools import Bool, Float, Int
 
 #: Directions of an interpolation's columns with smaller shares of power are none.
 SMALLEST_POWER = 1e-14
 
 
-class NuisanceProducts(Frozen):
+@dataclass(frozen=True)
+class NuisanceProducts:
     """Q' [phi y], and R with [phi y]' [phi y] = R' R, at any values of the nuisances, by those at nodes."""
 
     weights: Callable[[ManyValues], Float[np.ndarray, "points T"]]
@@ -101,7 +102,8 @@ def _root(
     return result
 
 
-class PoolMember(Frozen):
+@dataclass(frozen=True)
+class PoolMember:
     """Products of one flight."""
 
     problem: SeparableProblem
@@ -147,7 +149,8 @@ Places = Float[np.ndarray, "R k"]
 Edges = Float[np.ndarray, " E"]
 
 
-class Criterion(Frozen):
+@dataclass(frozen=True)
+class Criterion:
     """J of some flights; a scan follows it along the first nuisance, in slices by values of the others."""
 
     members: tuple[PoolMember, ...]
@@ -408,7 +411,8 @@ INDEPENDENT = 1e-6
 SAME = 1e-9
 
 
-class ParameterSets(Frozen):
+@dataclass(frozen=True)
+class ParameterSets:
     """Three 95 % sets of one parameter, or of another level."""
 
     wald: ConfidenceSet  # The estimate plus and minus
@@ -424,7 +428,8 @@ class ParameterSets(Frozen):
         return union if self.conditional is None else self.conditional
 
 
-class _Part(Frozen):
+@dataclass(frozen=True, slots=True)
+class _Part:
     """What some equations say of the nuisances."""
 
     criterion: Criterion
@@ -432,7 +437,8 @@ class _Part(Frozen):
     strange: tuple[str, ...]  # Parameters of other equations alone
 
 
-class ProfileSets(Frozen):
+@dataclass(frozen=True)
+class ProfileSets:
     """Confidence sets of linear parameters and of nuisances, from the criterion over the nuisances."""
 
     problem: SeparableProblem

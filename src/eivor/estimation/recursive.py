@@ -21,13 +21,14 @@ from eivor.models.regression import Column, Parameter
 from eivor.models.separable import Prior
 from eivor.models.signal_regression import SignalModel
 from eivor.signals.signals import Signals
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 #: Part of a scaled regressor that the others must leave of it.
 COLLINEAR_SHARE = 1e-10
 
 
-class References(Frozen):
+@dataclass(frozen=True, slots=True)
+class References:
     """Successive estimates that later looks are held against."""
 
     theta: Float[np.ndarray, "W n"]  # The estimates, the newest last
@@ -91,7 +92,8 @@ class ChangeDetector:
             raise UsageError("a limit above the drift", f"{self.limit:g} and {self.drift:g}", remedy)
 
 
-class Change(Frozen):
+@dataclass(frozen=True, slots=True)
+class Change:
     """A change that was identified."""
 
     parameter: str
@@ -99,7 +101,8 @@ class Change(Frozen):
     upwards: bool
 
 
-class Watch(Frozen):
+@dataclass(frozen=True)
+class Watch:
     """What a detector saw so far."""
 
     references: References | None = None
@@ -349,7 +352,8 @@ LARGEST_SHARE = 0.2
 HELD = 0.25
 
 
-class Moment(Frozen):
+@dataclass(frozen=True, slots=True)
+class Moment:
     """What is known of a parameter after a look."""
 
     time_s: float  # On the log's clock [s]
@@ -368,7 +372,8 @@ class Moment(Frozen):
 Posterior = tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n p"], Float[np.ndarray, "n n"]]
 
 
-class Follower(Frozen):
+@dataclass(frozen=True, slots=True)
+class Follower:
     """What follows one parameter of several."""
 
     index: int

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Protocol, runtime_checkable
 
@@ -17,14 +17,15 @@ from eivor.estimation.moments import FittedNoise
 from eivor.models.regression import lags
 from eivor.models.signal_regression import SignalRegression
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
-from eivor.tools import Bool, Complex, Float, Frozen, Int
+from eivor.tools import Bool, Complex, Float, Int
 
 Pair = Complex[np.ndarray, "2 bins"]
 Pairs = Complex[np.ndarray, "*shape 2 bins"]
 Six = Float[np.ndarray, " 6"]
 
 
-class PairSpectrum(Frozen):
+@dataclass(frozen=True)
+class PairSpectrum:
     """C of each bin, by its entries; of several matrices a bin where these have more axes."""
 
     first: Float[np.ndarray, "*shape bins"]
@@ -111,7 +112,8 @@ class PairedEquations(Protocol):
         """C of one unit of noise of the input, of z', of z'' and of a disturbance that moves the vehicle."""
 
 
-class NoiseModel(Frozen):
+@dataclass(frozen=True, slots=True)
+class NoiseModel:
     """Strengths and orders of the input's noise and of those of the velocity, acceleration, disturbance."""
 
     input_variance: float
@@ -146,7 +148,8 @@ VELOCITY_SHARE, REST_SHARE = 0.8, 0.4
 LEAST_DECLARED = 1e-9
 
 
-class NoisePrior(Frozen):
+@dataclass(frozen=True)
+class NoisePrior:
     """What is known of the noises before they are fitted."""
 
     centre: NoiseModel
@@ -325,7 +328,8 @@ def unitary_bins(values: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " bins"
     return spectrum[1 : -(-count // 2)] / np.sqrt(count)
 
 
-class SampledRecord(Frozen):
+@dataclass(frozen=True)
+class SampledRecord:
     """Spectra of a record of z', z'' and u."""
 
     step_s: float  # Time between samples [s]
@@ -355,7 +359,8 @@ class SampledRecord(Frozen):
         return np.log(2.0 * np.sin(0.5 * self.angle))
 
 
-class SampledMotion(Frozen):
+@dataclass(frozen=True)
+class SampledMotion:
     """The motion at some parameters."""
 
     record: SampledRecord
@@ -461,7 +466,8 @@ FEWEST_SAMPLES = 64
 PILOT_LAGS = (0, 10)
 
 
-class SampledProblem(Frozen):
+@dataclass(frozen=True)
+class SampledProblem:
     """A record of one motion, sampled evenly."""
 
     problem: SignalRegression

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +19,7 @@ from eivor.linalg.total_least_squares import AugmentedLeastSquares, LeastSquares
 from eivor.models.regression import AxisRows, Parameter, Regression
 from eivor.models.signal_regression import SignalRegression
 from eivor.signals.noise import MeasurementNoise
-from eivor.tools import Complex, Float, Frozen, Int
+from eivor.tools import Complex, Float, Int
 
 Spectra = Complex[np.ndarray, "n 2 bins"]
 Matrix = Float[np.ndarray, "n m"]
@@ -28,7 +28,8 @@ Matrix = Float[np.ndarray, "n m"]
 GENERALIZED_IV = LinearMethod("generalized_iv", Compensated(), AugmentedLeastSquares())
 
 
-class Pilot(Frozen):
+@dataclass(frozen=True)
+class Pilot:
     """Start of a search."""
 
     motion: sampling.SampledMotion
@@ -72,7 +73,8 @@ LARGEST_SHARE = 0.5
 RAMP_SAMPLES = 400
 
 
-class SpectralSolution(Frozen):
+@dataclass(frozen=True)
+class SpectralSolution:
     """Solution of the equations, with what its covariance is made of."""
 
     motion: sampling.SampledMotion
@@ -311,7 +313,8 @@ LEAST_DEGREES = 3.0
 EVERY = slice(None)
 
 
-class SpectralCovariance(Frozen):
+@dataclass(frozen=True)
+class SpectralCovariance:
     """Both covariances of K, b, and rho where it is free."""
 
     model: Float[np.ndarray, "n n"]

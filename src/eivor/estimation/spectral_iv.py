@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -26,7 +26,7 @@ from eivor.models.regression import Parameter
 from eivor.models.separable import SeparableProblem
 from eivor.models.signal_regression import SignalRegression
 from eivor.signals.noise import WhiteNoise
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: Distance of the two answers that chance exceeds once in a thousand times. Generalized IV's covariance,
 #: which outweighs the other, is identified by few cosine averages: beyond 13.8, the limit with a known
@@ -231,7 +231,8 @@ MOVING = 0.05
 BLEND = Parameter("intersample_share", "")
 
 
-class SpectralGeneralizedIV(Method, Frozen):
+@dataclass(frozen=True, slots=True)
+class SpectralGeneralizedIV(Method):
     """Generalized IV of the least variance: both equations of a sampled motion, weighted by their spectra."""
 
     name: str = "spectral_giv"  # The word that results and the command line use
@@ -345,7 +346,8 @@ def _combined(candidate: Estimate, plain: Estimate, solution: spectral.SpectralS
 USE = "Use spectral_giv, which does not assume these."
 
 
-class WhittleLikelihood(Method, Frozen):
+@dataclass(frozen=True, slots=True)
+class WhittleLikelihood(Method):
     """Maximum likelihood in frequency, with noises as they are declared and all others fitted."""
 
     name: str = "whittle_ml"  # The word that results and the command line use

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,7 @@ from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.models.regression import Column, RowBlock, check_columns
 from eivor.models.signal_regression import SignalModel, SignalRegression, shared_noise_of_rows
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Float, Frozen
+from eivor.tools import Bool, Float
 
 
 def moments(
@@ -188,7 +188,8 @@ BLOCKS_PER_MEMORY, MEMORIES_KEPT = 24, 8
 BLOCKS_PER_LOOK = 3
 
 
-class Forgetting(Frozen):
+@dataclass(frozen=True, slots=True)
+class Forgetting:
     """How fast rows are forgotten."""
 
     memory: float = DEFAULT_MEMORY  # Sum of the weights of all rows before, 1 / (1 - lambda) [samples]
@@ -224,7 +225,8 @@ class Forgetting(Frozen):
 NoiseIndices = tuple[tuple[int, int], ...]
 
 
-class TimedRows(Frozen):
+@dataclass(frozen=True)
+class TimedRows:
     """Rows of successive samples."""
 
     columns: Float[np.ndarray, "samples columns"]  # [psi phi y noise counted]
@@ -294,7 +296,8 @@ def counted_rows(
     return TimedRows(np.column_stack([columns, used]), psi.shape[1], right.shape[1], positions)
 
 
-class WeightedBlockSums(Frozen):
+@dataclass(frozen=True)
+class WeightedBlockSums:
     """Weighted sums of blocks of rows. Performs no checks."""
 
     packed: Float[np.ndarray, "K w"]  # Of products, of noises, of weights, and of squared weights
@@ -347,7 +350,8 @@ def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int) -> Weight
     return WeightedBlockSums(packed, width, rows.tested)
 
 
-class ExponentiallyWeightedProducts(Frozen):
+@dataclass(frozen=True)
+class ExponentiallyWeightedProducts:
     """Products of all rows so far, exponentially weighted."""
 
     forgetting: Forgetting

@@ -26,7 +26,7 @@ from eivor.models.regression import Column, Parameter, Regression
 from eivor.models.signal_regression import SignalRegression, shared_noise
 from eivor.signals.channels import unit_of
 from eivor.signals.noise import LARGEST_ORDER, FractionalNoise, MeasurementNoise, WhiteNoise
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: Lags of a regressor that has white noise, and of one whose noise has an order, the present one beside them.
 WHITE_LAGS = 2
@@ -93,7 +93,8 @@ DEGREE = 14
 FIRST_ORDER = -0.1
 
 
-class UnknownNoise(Frozen):
+@dataclass(frozen=True, slots=True)
+class UnknownNoise:
     """Noise of one channel."""
 
     channel: str
@@ -107,7 +108,8 @@ class UnknownNoise(Frozen):
         return (strength, Parameter(f"noise_order_{self.channel}")) if self.fractional else (strength,)
 
 
-class SharedMoments(Frozen):
+@dataclass(frozen=True)
+class SharedMoments:
     """Moments of a problem that unknown noises are a part of."""
 
     problem: SignalRegression
@@ -181,7 +183,8 @@ NOTHING = 1e-8
 CONTRADICTION = 1e-3
 
 
-class NoiseEstimatingIV(Method, Frozen):
+@dataclass(frozen=True)
+class NoiseEstimatingIV(Method):
     """Generalized instrumental variables that estimate the noises that nothing is declared of."""
 
     name: str  # The word that results use

@@ -21,10 +21,11 @@ from eivor.inference.diagnostics.record import whitening
 from eivor.inference.regions import ConfidenceRegion
 from eivor.models.regression import LinearProblem, Parameter, RowLayout, SampleRows
 from eivor.models.signal_regression import SignalRegression
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 
-class MomentRows(Frozen):
+@dataclass(frozen=True)
+class MomentRows:
     """Test functions, columns and noises of ``mean psi_t (y_t - phi_t' theta) + C theta - c``."""
 
     parameters: tuple[Parameter, ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import SeparableProblem, Values, values_of
 from eivor.models.spectral import BinRows, SpectralRegression
-from eivor.tools import Complex, Float, Frozen, Int
+from eivor.tools import Complex, Float, Int
 
 Vector = Float[np.ndarray, " n"]
 PerBin = Float[np.ndarray, " bins"]
@@ -41,14 +41,16 @@ class EquationWeighting(ABC):
         """Equations weighted for the first pass, or by the residuals of the pass before, at its theta."""
 
 
-class Unweighted(EquationWeighting, Frozen):
+@dataclass(frozen=True, slots=True)
+class Unweighted(EquationWeighting):
     """Every equation with weight one, as in the paper's (24) and (30)."""
 
     def equations(self, system: LinearSystem, *_: object) -> Weighted:
         return system, None
 
 
-class TwoStage(EquationWeighting, Frozen):
+@dataclass(frozen=True, slots=True)
+class TwoStage(EquationWeighting):
     """Weight by the inverse of mean(psi psi'): two-stage least squares, efficient for white errors."""
 
     def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
@@ -64,7 +66,8 @@ def _cross_moments(moments: Moments) -> CrossMoments:
     return moments
 
 
-class TwoStepRobust(EquationWeighting, Frozen):
+@dataclass(frozen=True, slots=True)
+class TwoStepRobust(EquationWeighting):
     """Two-stage first, then weight by the covariance of the equations at its residuals: two-step GMM."""
 
     bandwidth: int | None = None  # Lags of the Bartlett kernel. Default: 4 (N/100)^(2/9) (Newey and West)
@@ -117,7 +120,8 @@ def divided(system: LinearSystem, L: Float[np.ndarray, "p p"]) -> LinearSystem:
 EXACT = 1e-12
 
 
-class LimitedInformation(EquationWeighting, Frozen):
+@dataclass(frozen=True, slots=True)
+class LimitedInformation(EquationWeighting):
     """Two-stage weights, and the columns' errors for a solver that takes them into account."""
 
     def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
@@ -145,7 +149,8 @@ class LimitedInformation(EquationWeighting, Frozen):
         return made, L
 
 
-class WeightedRows(Frozen):
+@dataclass(frozen=True, slots=True)
+class WeightedRows:
     """A problem's rows with weights of one pass: rows in time, as they are."""
 
     problem: SeparableProblem
@@ -183,7 +188,8 @@ class RowWeighting(ABC):
         """Rows weighted by the residuals of an estimate, for good."""
 
 
-class EqualRows(RowWeighting, Frozen):
+@dataclass(frozen=True, slots=True)
+class EqualRows(RowWeighting):
     """Every row in time with weight one."""
 
     needs_spectra = False
@@ -208,6 +214,7 @@ BATCH_NUMBERS = 4_000_000
 RunSums = tuple[Int[np.ndarray, " f"], Int[np.ndarray, " m"], Float[np.ndarray, "T q b"], np.ndarray]
 
 
+@dataclass(frozen=True)
 class WhitenedRows(WeightedRows):
     """Blend and power at each bin, and the whitened instruments' orthonormal basis."""
 
@@ -292,7 +299,8 @@ class WhitenedRows(WeightedRows):
         return replace(whitened_by_residuals(self.problem, theta, nuisances), renewals=self.renewals - 1)
 
 
-class SpectralWhitening(RowWeighting, Frozen):
+@dataclass(frozen=True, slots=True)
+class SpectralWhitening(RowWeighting):
     """Blend two responses and whiten all columns, with orthonormal instruments (so two-stage as well)."""
 
     def first_pass(self, problem: SeparableProblem) -> WhitenedRows:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,13 +13,13 @@ from eivor.inference.verdict import Status
 from eivor.motions.vertical import model as vertical
 from eivor.signals.channels import CurveSide
 from eivor.signals.thrust_map import InputMap, Mixed, Power
-from eivor.tools import Frozen
 
 #: Quantities that parameters are made of, and what parameters of the first are.
 HOVER, CURVE, HOVER_WORDS = "hover_input", "thrust_curve", "hover throttle"
 
 
-class Autopilot(Frozen):
+@dataclass(frozen=True, slots=True)
+class Autopilot:
     """What an autopilot calls hover and thrust curve."""
 
     name: str
@@ -159,7 +160,8 @@ def mission_planner(comments: Iterable[str], values: Mapping[str, float]) -> str
 PARAMETERS = frozenset(item.name for pilot in (PX4, ARDUPILOT) for item in (pilot.hover, pilot.curve))
 
 
-class ParameterChange(Frozen):
+@dataclass(frozen=True, slots=True)
+class ParameterChange:
     """A parameter that a log has, beside what a result says of it."""
 
     parameter: vertical.AutopilotParameter

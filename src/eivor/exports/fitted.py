@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from eivor import checks
 from eivor.errors import NotIdentifiedError, UsageError
@@ -16,7 +16,6 @@ from eivor.motions.machine import Machine
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.signals.channels import CurveSide
 from eivor.signals.thrust_map import InputMap, input_map
-from eivor.tools import Frozen
 
 #: Longer strings are cut: some readers of parameters have lines of bounded length.
 LONGEST = 400
@@ -73,7 +72,8 @@ def known_number(value: float, std: float = 0.0) -> KnownNumber:
     return KnownNumber(value, std)
 
 
-class Supplied(Frozen):
+@dataclass(frozen=True, slots=True)
+class Supplied:
     """What a user knows beside the flight."""
 
     mass: KnownNumber | None = None  # [kg]
@@ -105,7 +105,8 @@ class Supplied(Frozen):
                 raise UsageError(f"priors that {target} uses ({useful})", f"'{name}'", "Leave it out.")
 
 
-class Number(Frozen):
+@dataclass(frozen=True, slots=True)
+class Number:
     """A number that is written, with what stands beside it."""
 
     value: float
@@ -123,7 +124,8 @@ class Number(Frozen):
         return f"{self.value:.6g}, 95 % interval [{low:.6g}, {high:.6g}], {self.source}"
 
 
-class Fitted(Frozen):
+@dataclass(frozen=True)
+class Fitted:
     """A result as exports see it."""
 
     model: str  # Name of the motion in documents
@@ -226,7 +228,8 @@ class Fitted(Frozen):
         return f" Or write them with their verdict: --accept {worst.value}." if worst else ""
 
 
-class Exported(Frozen):
+@dataclass(frozen=True, slots=True)
+class Exported:
     """A file's content."""
 
     text: str | bytes
@@ -234,7 +237,8 @@ class Exported(Frozen):
     lost: tuple[str, ...] = ()  # What is identified and the target cannot hold
 
 
-class Target(Frozen):
+@dataclass(frozen=True, slots=True)
+class Target:
     """A file format of those who use the numbers."""
 
     name: str  # Its word on the command line

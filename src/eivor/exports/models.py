@@ -6,7 +6,7 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, spe
 from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import Mixed, Power
 from eivor.simulation.rigid_body import quaternions
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: What the arrays of the vertical motion are made of.
 NEEDED = ("viscous_friction", "input_gain", "hover_input")
@@ -33,7 +33,8 @@ TURNING = {"roll": "x", "pitch": "y", "yaw": "z"}
 KINDS = ("effectiveness", "damping")
 
 
-class StateSpace(Frozen):
+@dataclass(frozen=True)
+class StateSpace:
     """x' = A x + B u(t - delay), y = C x + D u."""
 
     A: Float[np.ndarray, "n n"]
@@ -182,7 +183,8 @@ def _change(c: Coefficients, state: Float[np.ndarray, " n"], command: Float[np.n
     return np.array([*change[3:6], *angles, *change[10:13], *spin_up], dtype=np.float64)
 
 
-class _MachineEquations(Frozen):
+@dataclass(frozen=True)
+class _MachineEquations:
     """Equations of a declared machine with numbers, x' = f(x, u(t - delay))."""
 
     numbers: dict[str, Number]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,7 @@ from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import InputMap
 from eivor.simulation.rigid_body import STILL, runge_kutta
 from eivor.strict_toml import package_tables
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -56,7 +56,8 @@ BEYOND = ("translational_lift", "rotor_inertia")
 HEIGHT = "drag_height"
 
 
-class SimulatorNumber(Frozen):
+@dataclass(frozen=True)
+class SimulatorNumber:
     """A number of the vehicle."""
 
     number: Number
@@ -128,7 +129,8 @@ LEAST = {"actuator_lag": 1e-3} | dict.fromkeys((*DRAGS, *TORQUES, *QUADRATIC, *B
 LEAST_SHARE = 0.01
 
 
-class VehicleDescription(Frozen):
+@dataclass(frozen=True)
+class VehicleDescription:
     """A vehicle for a simulator."""
 
     vehicle: KnownVehicle

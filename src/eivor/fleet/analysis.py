@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from eivor.inference.random_effects import Grouped, Groups, Rows, between_distri
 from eivor.inference.verdict import Status
 from eivor.motions.table import motion_by_name
 from eivor.process_pool import useful_workers
-from eivor.tools import Bool, Float, Frozen
+from eivor.tools import Bool, Float
 
 #: Type of a flight whose type is not known, and what stands before the name of a log that has no vehicle.
 UNKNOWN, LOG = "unknown", "log "
@@ -178,7 +178,8 @@ def _about_the_type(name: str) -> pl.Expr:
     return pl.when(about.abs() > ROUNDING).then(about).otherwise(0.0)
 
 
-class FleetTrend(Frozen):
+@dataclass(frozen=True)
+class FleetTrend:
     """What changes in one quantity, besides what covariates explain."""
 
     about: pl.DataFrame  # `type` and `vehicle` of each group
@@ -421,7 +422,8 @@ MOVED = 0.9
 FORMS = 2
 
 
-class FleetReport(Frozen):
+@dataclass(frozen=True)
+class FleetReport:
     """What the flights of one motion say of a fleet."""
 
     motion: Motion[Any]
@@ -496,7 +498,8 @@ def _differing(vehicles: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-class _Quantity(Frozen):
+@dataclass(frozen=True)
+class _Quantity:
     across: AcrossFlights
     marked: pl.DataFrame
     used: pl.DataFrame

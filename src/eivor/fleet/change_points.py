@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from eivor.inference.random_effects import Groups, PerGroup, Rows
-from eivor.tools import Bool, Float, Frozen, Int
+from eivor.tools import Bool, Float, Int
 
 
-class Ordered(Frozen):
+@dataclass(frozen=True)
+class Ordered:
     """Estimates in the order of their groups."""
 
     groups: Groups
@@ -72,7 +74,8 @@ def deviation_p_values(ordered: Ordered, line: Rows, leverage: Rows, parameters:
     return p_values
 
 
-class Drifts(Frozen):
+@dataclass(frozen=True)
+class Drifts:
     """Straight lines."""
 
     slope: PerGroup
@@ -236,7 +239,8 @@ NO_NEWS = 0.02
 POSITIONS = 7.352
 
 
-class BestSteps(Frozen):
+@dataclass(frozen=True)
+class BestSteps:
     """The best place of a step in each group."""
 
     index: Int[np.ndarray, " groups"]

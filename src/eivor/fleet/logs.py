@@ -10,7 +10,7 @@ import re
 import stat
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import chain, islice, takewhile
 from pathlib import Path, PurePosixPath
@@ -23,7 +23,6 @@ from eivor.logs.common import FolderParts
 from eivor.logs.mapping import fitting_map
 from eivor.logs.read import FURTHER_ENDINGS, folder_parts, format_at, is_address, log_formats, path_of
 from eivor.logs.table.delimited import DELIMITERS, open_csv
-from eivor.tools import Frozen
 
 
 def _elsewhere(given: str) -> LogsFound:
@@ -99,7 +98,8 @@ PAGE_LOGS = 500
 LOG_SCHEMA = dict.fromkeys(("name", "path", "metadata", "sha256", "problem"), pl.String) | {"path": pl.Binary}
 
 
-class Log(Frozen):
+@dataclass(frozen=True, slots=True)
+class Log:
     """A log of a fleet."""
 
     path: str
@@ -109,7 +109,8 @@ class Log(Frozen):
     problem: str = ""
 
 
-class LogList(Frozen):
+@dataclass(frozen=True)
+class LogList:
     """Logs in the order of their names, each once."""
 
     table: pl.DataFrame  # Columns of `LOG_SCHEMA`, and others; `sha256` is null where it is not known
@@ -227,7 +228,8 @@ def files_below(folder: Path, note: Callable[[OSError], None]) -> Generator[tupl
             note(error)
 
 
-class LogsFound(Frozen):
+@dataclass(frozen=True, slots=True)
+class LogsFound:
     """Logs among files."""
 
     logs: LogList

@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, closing, nullcontext, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,11 @@ from eivor.fleet import table
 from eivor.fleet.logs import Log, LogList, LogsFound
 from eivor.logs.common import folder_sha256, folder_size
 from eivor.logs.read import DEFAULT_MAX_BYTES, folder_parts, is_address, is_local, path_of
-from eivor.tools import Frozen, ItemsDone, no_items_callback
+from eivor.tools import ItemsDone, no_items_callback
 
 
-class Shard(Frozen):
+@dataclass(frozen=True, slots=True)
+class Shard:
     """The task."""
 
     folder: table.FleetFolder  # where the rows go
@@ -107,7 +108,8 @@ TASKS, MOST_LOGS = 100, 200
 MERGE_S, MERGE_TIMES = 60.0, 20.0
 
 
-class FleetRun(Frozen):
+@dataclass(frozen=True, slots=True)
+class FleetRun:
     """What a run has done."""
 
     logs: int  # logs that were found, each of which has a row

@@ -11,7 +11,7 @@ import re
 import uuid
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence, Set
 from contextlib import suppress
-from dataclasses import asdict, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from importlib.metadata import version
@@ -37,10 +37,10 @@ from eivor.motions.table import DEFAULT, motion_by_name
 from eivor.process_pool import Limits
 from eivor.signals.recording import Recording
 from eivor.strict_toml import package_tables
-from eivor.tools import Frozen
 
 
-class FleetOptions(Frozen):
+@dataclass(frozen=True)
+class FleetOptions:
     """What is asked of every log."""
 
     motion: str = DEFAULT  # name of the motion
@@ -288,7 +288,8 @@ class SupersededError(Exception):
     """Another run has begun on the folder; what this one makes is not wanted any more."""
 
 
-class FleetFolder(Frozen):
+@dataclass(frozen=True, slots=True)
+class FleetFolder:
     """Where a run writes its rows."""
 
     folder: Path  # absolute, the same for all workers
@@ -536,7 +537,8 @@ def reports_there(folder: Path) -> Generator[str, None, None]:
                 yield match[1]
 
 
-class RowOfLog(Frozen):
+@dataclass(frozen=True, slots=True)
+class RowOfLog:
     """The function from a log to its row."""
 
     options: FleetOptions
@@ -623,7 +625,8 @@ def _in_table(path: Path, column: str) -> str:
     return ""
 
 
-class Fleet(Frozen):
+@dataclass(frozen=True)
+class Fleet:
     """A fleet that `eivor fleet run` made."""
 
     folder: Path  # Where its files are

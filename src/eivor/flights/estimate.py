@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, cast
 
@@ -39,7 +39,7 @@ from eivor.models import separable
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, of_order
 from eivor.models.separable import NoInstruments
 from eivor.signals.recording import Finding, Recording
-from eivor.tools import Float, Frozen, Progress, Stage, no_stage_callback
+from eivor.tools import Float, Progress, Stage, no_stage_callback
 
 #: Role of the commands among the rates of a selection.
 COMMAND = "command"
@@ -93,7 +93,8 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
 LagMeasurements = Callable[[], tuple[LagPrior, ...]]
 
 
-class FlightState(Frozen):
+@dataclass(frozen=True)
+class FlightState:
     """What the stages of an identification read and make."""
 
     motion: Motion[Any]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, floor
 
@@ -13,7 +13,7 @@ from eivor.errors import InputError
 from eivor.signals.channels import canonical_channel
 from eivor.signals.recording import GRAVITY, ROTARY_WING, Channel, Frame, MadeChannels, Recording
 from eivor.signals.signals import stretches
-from eivor.tools import Bool, Float, Frozen, Int
+from eivor.tools import Bool, Float, Int
 
 #: Values on a grid or at stamps, and which of them something is true of.
 Series = Float[np.ndarray, " n"]
@@ -78,7 +78,8 @@ LONGEST_S = 6 * 3600.0
 FURTHEST_S = 1e12
 
 
-class Grid(Frozen):
+@dataclass(frozen=True, slots=True)
+class Grid:
     """Sample times ``start_s + k * step_s``, for every k of the pieces."""
 
     start_s: float  # Time of k = 0 [s]
@@ -290,7 +291,8 @@ HEIGHT_KNOWN_SHARE = 0.5
 AIRBORNE_MARGIN_S = 1.0
 
 
-class Active(Frozen):
+@dataclass(frozen=True, slots=True)
+class Active:
     """Where the vehicle does what a motion describes (where it flies), and how that is known."""
 
     mask: Mask  # True where it does; in the air, margins left out

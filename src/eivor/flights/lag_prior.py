@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 
 import msgspec
@@ -24,7 +24,7 @@ from eivor.models.separable import Bounds, Prior, SeparableProblem, Values
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel
 from eivor.strict_toml import package_tables
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: Sum of lag and delay, which a flight identifies better than either.
 EFFECTIVE_LAG = "effective_lag"
@@ -155,7 +155,8 @@ EVEN_STD = 3.0**-0.5
 NORMAL = 1.96
 
 
-class LagPrior(Frozen):
+@dataclass(frozen=True)
+class LagPrior:
     """A lag that is known beside the flight, and the flight's own."""
 
     known: Prior | Bounds  # [s]

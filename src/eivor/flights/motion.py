@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from math import ceil
 from typing import Any, Generic, TypeVar
 
@@ -25,7 +25,7 @@ from eivor.models.separable import InstrumentRule, SeparableProblem, Values
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Finding, Recording
 from eivor.strict_toml import package_tables
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 #: How far ahead predictions look [s].
 HORIZONS_S = (0.1, 0.2, 0.3, 0.4, 0.5)
@@ -41,7 +41,8 @@ FIT, UNCHANGED = "fit", "unchanged"
 Derivative = Callable[[Float[np.ndarray, "parts starts"], Int[np.ndarray, " starts"]], np.ndarray]
 
 
-class HorizonErrors(Frozen):
+@dataclass(frozen=True)
+class HorizonErrors:
     """What one model leaves of one quantity after each horizon."""
 
     model: str  # The model's name
@@ -71,7 +72,8 @@ def _rms(values: Float[np.ndarray, " n"]) -> float:
     return float(np.sqrt(np.mean(values[np.isfinite(values)] ** 2)))
 
 
-class MultiStepPrediction(Frozen):
+@dataclass(frozen=True)
+class MultiStepPrediction:
     """Predictions of flights by several models."""
 
     errors: tuple[HorizonErrors, ...]  # Of every quantity: by the fit, then by each simpler model
@@ -126,7 +128,8 @@ class MultiStepPrediction(Frozen):
         return "".join(f" '{words}' leaves less of {', '.join(names)}." for words, names in less.items())
 
 
-class Starts(Frozen):
+@dataclass(frozen=True)
+class Starts:
     """Where predictions of a flight start."""
 
     samples: Int[np.ndarray, " starts"]
@@ -217,7 +220,8 @@ Solver = Callable[[P], Estimate]
 Flights = tuple[PreparedFlight, ...]
 
 
-class LogChannels(Frozen):
+@dataclass(frozen=True)
+class LogChannels:
     """What a motion reads of a log."""
 
     inputs: tuple[InputFamily, ...]  # What may drive the vehicle, in order of preference
@@ -230,7 +234,8 @@ class LogChannels(Frozen):
     vehicle_parameters: tuple[str, ...] = ()
 
 
-class VehicleSupport(Frozen):
+@dataclass(frozen=True)
+class VehicleSupport:
     """A motion that depends on a description of the vehicle."""
 
     #: The motion of a vehicle, by the name of a shipped one or a file; None where all vehicles are alike
@@ -239,7 +244,8 @@ class VehicleSupport(Frozen):
     restore: Callable[[object], Motion[Any]]  # The motion of the vehicle that a result holds
 
 
-class SensorComparison(Generic[P], Frozen):
+@dataclass(frozen=True)
+class SensorComparison(Generic[P]):
     """A motion with two measurements of one response."""
 
     #: None where flights have but one
@@ -249,7 +255,8 @@ class SensorComparison(Generic[P], Frozen):
     corrected: Callable[[Flights, SensorAgreement, FlightOptions], Flights] = lambda flights, *_: flights
 
 
-class Resampling(Generic[P], Frozen):
+@dataclass(frozen=True)
+class Resampling(Generic[P]):
     """A motion whose replicates of a pool are more than its parameters."""
 
     #: Over the samples of each flight
@@ -258,7 +265,8 @@ class Resampling(Generic[P], Frozen):
     quantities: Callable[[P, Values, Values, Values], Mapping[str, float]]
 
 
-class Prediction(Generic[P], Frozen):
+@dataclass(frozen=True)
+class Prediction(Generic[P]):
     """A motion that predicts flights."""
 
     #: To hold an estimate against
@@ -273,7 +281,8 @@ class Prediction(Generic[P], Frozen):
     output_error: Callable[[Any, Estimate, Flights], tuple[Estimate, tuple[Finding, ...]]] | None = None
 
 
-class Abilities(Frozen):
+@dataclass(frozen=True)
+class Abilities:
     """What only some motions can do."""
 
     vehicle: VehicleSupport | None = None
@@ -312,7 +321,8 @@ class Abilities(Frozen):
     coupled_axes: tuple[CoupledAxis, ...] = ()  # Quantities that other motions identify, with this lag
 
 
-class FlightView(Frozen):
+@dataclass(frozen=True)
+class FlightView:
     """A flight in reports."""
 
     symbols: str  # What the symbols of the equation are in this flight
@@ -364,7 +374,8 @@ class Motion(ABC, Generic[P]):
         """Return what a report shows of a flight."""
 
 
-class MotionTables(Frozen):
+@dataclass(frozen=True)
+class MotionTables:
     """What users read of a motion, and what it reads of logs: the file beside its code."""
 
     equation: tuple[str, str]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -37,7 +37,7 @@ from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.models.separable import SeparableProblem
 from eivor.signals.recording import Finding
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 T = TypeVar("T")
 
@@ -171,7 +171,8 @@ def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> I
         )
 
 
-class Member(Frozen):
+@dataclass(frozen=True)
+class Member:
     """A flight of a pool."""
 
     logged: PreparedFlight

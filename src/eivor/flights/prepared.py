@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ from eivor.signals.channels import CurveSide, family_members
 from eivor.signals.filters import CAUGHT_UP_S, actuator_state, rate_limited, shifted_by
 from eivor.signals.recording import ROTARY_WING, VTOL, Channel, Finding, Recording
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Float, Frozen, Int
+from eivor.tools import Bool, Float, Int
 
 # -- Agreement --
 
@@ -39,7 +39,8 @@ AVERAGES = 16
 REPORTED = 0.004
 
 
-class Difference(Frozen):
+@dataclass(frozen=True, slots=True)
+class Difference:
     """How far two measurements differ in one way."""
 
     value: float
@@ -62,7 +63,8 @@ class Difference(Frozen):
         return t_quantile(0.95, AVERAGES) * self.std_error
 
 
-class SensorAgreement(Frozen):
+@dataclass(frozen=True, slots=True)
+class SensorAgreement:
     """In which ways two measurements of one response differ."""
 
     differences: Mapping[str, Difference]
@@ -141,7 +143,8 @@ def estimated(problem: GivenBins, least: Mapping[str, float]) -> tuple[SensorAgr
 LARGEST_INPUT_RATIO = 10.0
 
 
-class InputFamily(Frozen):
+@dataclass(frozen=True, slots=True)
+class InputFamily:
     """Channels that may drive a vehicle, one for each actuator or one for all."""
 
     name: str  # The channel, or what stands before the actuators' numbers ("rotor_command")
@@ -158,7 +161,8 @@ class InputFamily(Frozen):
         return actuator_state(logged, step_s=step_s, **path)
 
 
-class Selection(Frozen):
+@dataclass(frozen=True)
+class Selection:
     """Channels of one log by their role."""
 
     #: What drives the vehicle. After a gap in it the actuator's state is not known for a while.
@@ -338,7 +342,8 @@ class CommandLimit(NamedTuple):
     value: float  # The largest rate [1/s], or the largest command
 
 
-class PreparedFlight(Frozen):
+@dataclass(frozen=True)
+class PreparedFlight:
     """A flight on its grid."""
 
     recording: Recording  # The log, z up

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -13,10 +13,11 @@ from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import Prior
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 
-class Covariate(Frozen):
+@dataclass(frozen=True, slots=True)
+class Covariate:
     """What a quantity goes with."""
 
     name: str  # Column of a fleet's table
@@ -24,7 +25,8 @@ class Covariate(Frozen):
     uncertainty: float = math.inf
 
 
-class AcrossFlights(Frozen):
+@dataclass(frozen=True, slots=True)
+class AcrossFlights:
     """A quantity that flights of one vehicle share but for chance."""
 
     name: str
@@ -46,7 +48,8 @@ class Counts(Enum):
     FACTOR = "factor"  # The interval is so many times as long, before anything else is added
 
 
-class SystematicUncertainty(Frozen):
+@dataclass(frozen=True, slots=True)
+class SystematicUncertainty:
     """What one systematic cause may do to a quantity."""
 
     counts: Counts
@@ -77,7 +80,8 @@ def widened(
     return low, high
 
 
-class CoupledAxis(Frozen):
+@dataclass(frozen=True, slots=True)
+class CoupledAxis:
     """A quantity of another motion of the same flight that belongs to a motion's result."""
 
     motion: str
@@ -88,7 +92,8 @@ class CoupledAxis(Frozen):
     needs: Mapping[str, tuple[str, ...]]
 
 
-class Implied(Frozen):
+@dataclass(frozen=True, slots=True)
+class Implied:
     """One such number, or why it does not follow."""
 
     name: str
@@ -103,7 +108,8 @@ class Implied(Frozen):
     needs: tuple[str, ...] = ()  # Quantities that it rests on: its verdict is no better than theirs
 
 
-class Implications(Frozen):
+@dataclass(frozen=True, slots=True)
+class Implications:
     """All of them."""
 
     numbers: tuple[Implied, ...] = ()
@@ -122,7 +128,8 @@ class Horizon(Enum):
         return {"one_step": "one step ahead", "open_loop": "in open loop"}[self.value]
 
 
-class PredictedQuantity(Frozen):
+@dataclass(frozen=True)
+class PredictedQuantity:
     """A measured quantity over the samples of all runs, run after run, and what given numbers say of it."""
 
     horizon: Horizon
@@ -132,7 +139,8 @@ class PredictedQuantity(Frozen):
     predicted: Float[np.ndarray, " samples"]
 
 
-class KeyFigure(Frozen):
+@dataclass(frozen=True, slots=True)
+class KeyFigure:
     """A number of flights that is no quantity of the motion: it has no verdict, and decides nothing."""
 
     name: str
@@ -143,14 +151,16 @@ class KeyFigure(Frozen):
     sentence: str = ""  # What it means, or holds for
 
 
-class SimpleModel(Frozen):
+@dataclass(frozen=True, slots=True)
+class SimpleModel:
     """Numbers that a simpler way of looking at the same flight gives, to be held against an estimate."""
 
     words: str
     values: Mapping[str, float]  # Every linear parameter and every nuisance
 
 
-class Trace(Frozen):
+@dataclass(frozen=True)
+class Trace:
     """One axis over the samples of all runs, run after run: what was measured and what the model says."""
 
     axis: str  # What is measured, in words
@@ -164,7 +174,8 @@ class Trace(Frozen):
     band_hz: tuple[float, float] | None = None
 
 
-class PlotData(Frozen):
+@dataclass(frozen=True)
+class PlotData:
     """A series of a flight to look at, whether or not something could be estimated."""
 
     label: str  # With its unit
@@ -172,7 +183,8 @@ class PlotData(Frozen):
     reference: Float[np.ndarray, " n"] | None = None  # What was requested of the vehicle, in the same unit
 
 
-class TrackedParameter(Frozen):
+@dataclass(frozen=True)
+class TrackedParameter:
     """A parameter that is followed over a flight, and the rows that identify it."""
 
     name: str
@@ -182,7 +194,8 @@ class TrackedParameter(Frozen):
     descriptions: tuple[str, ...]  # The same in sentences
 
 
-class Words(Frozen):
+@dataclass(frozen=True, slots=True)
+class Words:
     """How reports speak of a motion."""
 
     title: str  # Name of the motion, as a heading
@@ -219,7 +232,8 @@ class Words(Frozen):
         )
 
 
-class CardSection(Frozen):
+@dataclass(frozen=True, slots=True)
+class CardSection:
     """One part of a flight card."""
 
     title: str  # A few words
@@ -230,7 +244,8 @@ NAN = float("nan")
 NO_INTERVAL = (float("-inf"), float("inf"))
 
 
-class QuantitySpec(Frozen):
+@dataclass(frozen=True, slots=True)
+class QuantitySpec:
     """How a quantity is called, measured, shown and used."""
 
     words: str  # In words
@@ -286,7 +301,8 @@ class QuantityTable(dict[str, QuantitySpec]):
         return tuple(spec.across for spec in self.values() if spec.across is not None)
 
 
-class QuantityEstimate(Frozen):
+@dataclass(frozen=True, slots=True)
+class QuantityEstimate:
     """A number with its interval, and no verdict yet."""
 
     value: float  # NaN when it could not be estimated
@@ -317,6 +333,7 @@ class QuantityEstimate(Frozen):
         return Quantity(*known, self.systematic_uncertainties, judgement.status, judgement.reasons)
 
 
+@dataclass(frozen=True, slots=True)
 class Quantity(QuantityEstimate):
     """One result: the number with its verdict."""
 

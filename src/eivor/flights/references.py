@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -16,7 +16,7 @@ from eivor.signals.filters import lagged_between_stamps
 from eivor.signals.noise import LARGEST_STD
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
 from eivor.signals.signals import stretches
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: In place of numbers: noises are read off each channel's fastest part.
 ESTIMATE = "estimate"
@@ -27,7 +27,8 @@ COMBS = 24
 Declared = float | DataSheet
 
 
-class NoiseLevel(Frozen):
+@dataclass(frozen=True, slots=True)
+class NoiseLevel:
     """Noise of one channel."""
 
     std: float  # Standard deviation on the grid, in the channel's unit
@@ -181,7 +182,8 @@ CONSTANT_SHARE = 1e-6
 CONSTANT = "constant"
 
 
-class ReferenceSource(Frozen):
+@dataclass(frozen=True, slots=True)
+class ReferenceSource:
     """A channel that a motion offers as an instrument."""
 
     channel: str  # Name
@@ -200,7 +202,8 @@ class ReferenceSource(Frozen):
     distant: bool = False
 
 
-class Reference(Frozen):
+@dataclass(frozen=True, slots=True)
+class Reference:
     """One candidate instrument."""
 
     name: str

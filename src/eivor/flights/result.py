@@ -35,7 +35,7 @@ from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.separable import SeparableProblem
 from eivor.models.spectral import BinRows
 from eivor.signals.recording import Finding
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 if TYPE_CHECKING:
     import polars as pl
@@ -81,7 +81,8 @@ def flight_diagnostics(prepared: tuple[PreparedFlight, ...]) -> dict[str, float]
     return results
 
 
-class FitDiagnostics(Frozen):
+@dataclass(frozen=True)
+class FitDiagnostics:
     """Diagnostics of a flight's estimate: what reports, documents and verdicts read alike."""
 
     first_stage: Mapping[str, float]  # Conditional first-stage F of each joint parameter
@@ -212,7 +213,8 @@ def flight_findings(prepared: tuple[PreparedFlight, ...], words: quantity.Words)
             yield Finding("saturation", limit)
 
 
-class FlightRow(Frozen):
+@dataclass(frozen=True, slots=True)
+class FlightRow:
     """One flight's result beside that of a pool, or one method's beside the chosen one."""
 
     label: str  # Log or method
@@ -235,7 +237,8 @@ def pooled_traces(motion: Motion[Any], pool: Pooled) -> tuple[quantity.Trace, ..
     )
 
 
-class Fit(Frozen):
+@dataclass(frozen=True)
+class Fit:
     """What was estimated, and how."""
 
     problem: SeparableProblem  # Of all flights that have runs; of a pool with all parameters in common

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from eivor.errors import UsageError
 from eivor.signals.filters import REACH, on_lines
 from eivor.signals.recording import Channel, Finding, Recording
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 #: A line has so many times the power that white noise has on average, which chance reaches in no log.
 LINE = 25.0
@@ -170,7 +170,8 @@ NOMINAL = 1.2
 MORE_OFTEN = 0.7
 
 
-class Clock(Frozen):
+@dataclass(frozen=True, slots=True)
+class Clock:
     """When a command was logged and when it was issued."""
 
     logged_s: float

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from eivor.inference.distributions import normal_quantile
 from eivor.inference.random_effects import FEWEST, Grouped, one_group
 from eivor.models.lagged_runs import AxisColumns
 from eivor.models.separable import Values
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: Memory [s] when none is chosen.
 MEMORY_S = 5.0
@@ -28,7 +28,8 @@ LOOKS_APART = 16
 LAGS = (1, 2, 4)
 
 
-class Track(Frozen):
+@dataclass(frozen=True)
+class Track:
     """A parameter over a flight."""
 
     result: FlightEstimate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -19,7 +19,7 @@ from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Cause, Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_LAG, STAGES
 from eivor.models.separable import InstrumentRule, NoInstruments
-from eivor.tools import Frozen, plain
+from eivor.tools import plain
 
 # -- Inputs --
 
@@ -29,7 +29,8 @@ LEAST_FACTOR = 0.02
 SLOW_COMMAND_HZ = 45.0
 
 
-class Instruments(Frozen):
+@dataclass(frozen=True, slots=True)
+class Instruments:
     """Instruments of a method."""
 
     rule: InstrumentRule
@@ -45,7 +46,8 @@ class Instruments(Frozen):
         return isinstance(self.rule, NoInstruments)
 
 
-class MotionChecks(Frozen):
+@dataclass(frozen=True, slots=True)
+class MotionChecks:
     """What a motion alone finds out about an estimate: for its rules, for reports and for documents."""
 
     @property
@@ -59,7 +61,8 @@ class MotionChecks(Frozen):
         return ()
 
 
-class VerdictInputs(Frozen):
+@dataclass(frozen=True, slots=True)
+class VerdictInputs:
     """What rules and systematic parts read."""
 
     flights: tuple[PreparedFlight, ...]  # Those used
@@ -154,7 +157,8 @@ NEGLIGIBLE = 1e-3
 DOUBTFUL = 0.05
 
 
-class SystematicPart(Frozen):
+@dataclass(frozen=True, slots=True)
+class SystematicPart:
     """A row of a motion's table: what one cause may do to some quantities."""
 
     quantities: tuple[str, ...]
@@ -279,7 +283,8 @@ def systematic_uncertainties(
     return results
 
 
-class Rule(Frozen):
+@dataclass(frozen=True, slots=True)
+class Rule:
     """A row of a motion's table: when a sentence speaks against some quantities, and what to do."""
 
     quantities: tuple[str, ...]  # None are all
@@ -321,7 +326,8 @@ def reasons_by_quantity(
 # -- Limits of intervals --
 
 
-class Limit(Frozen):
+@dataclass(frozen=True, slots=True)
+class Limit:
     """How wide the interval of a quantity may be: half of it, as a share of the value or in its unit."""
 
     identified: float = 0.0  # Share of the value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from math import inf
@@ -14,7 +15,7 @@ from eivor.errors import CollinearError, ParameterError, TooFewSamplesError
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.covariance import column_scale, unit_scale
 from eivor.inference.regions import ConfidenceRegion, Points, RegionFrame, RegionShape, hotelling_quantile
-from eivor.tools import Bool, Float, Frozen, Int
+from eivor.tools import Bool, Float, Int
 
 Point = Float[np.ndarray, " n_plus_1"]
 Equations = Float[np.ndarray, "p n_plus_1"]
@@ -32,7 +33,8 @@ REAL_SHARE = 1e-3
 SMALLEST_SHARE = 1e-13
 
 
-class LinearScores(Frozen):
+@dataclass(frozen=True)
+class LinearScores:
     """Sums and cosine averages of scores that are linear in (1; -theta)."""
 
     total: Equations
@@ -48,7 +50,8 @@ def averages_for(samples: int, equations: int) -> int:
     return averages
 
 
-class RobustShape(RegionShape, Frozen):
+@dataclass(frozen=True)
+class RobustShape(RegionShape):
     """Region of the autocorrelation-robust test, in coordinates in which V is the identity at the pivot."""
 
     scores: LinearScores
@@ -170,7 +173,8 @@ def concentrated(
     return S - np.swapaxes(cross, -1, -2) @ np.linalg.solve(inner, cross), free
 
 
-class Allowed(Frozen):
+@dataclass(frozen=True)
+class Allowed:
     """For each pair of forms the values that stay below its bound."""
 
     low: PerPoint
@@ -229,7 +233,8 @@ TIE_SHARE = 1e-10
 ROUNDING = 1e-13
 
 
-class SignPerturbedShape(RegionShape, Frozen):
+@dataclass(frozen=True)
+class SignPerturbedShape(RegionShape):
     """Region of the rank of the unperturbed sum."""
 
     sums: Float[np.ndarray, "m p n_plus_1"]  # S_i as matrices that multiply x, shaped

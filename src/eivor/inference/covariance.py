@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from operator import methodcaller
 from typing import ClassVar, final
@@ -17,7 +17,7 @@ from eivor import checks
 from eivor.errors import EstimationError, UsageError
 from eivor.inference.distributions import normal_quantile, t_quantile, t_tail
 from eivor.inference.estimating_equation import EstimatingEquation, singular_sensitivity
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 Vector = Float[np.ndarray, " n"]
 Block = Float[np.ndarray, "_ n"]
@@ -42,7 +42,8 @@ class Kernel(ABC):
         return bandwidth + 1.0 if self.ends else bandwidth
 
 
-class Bartlett(Kernel, Frozen):
+@dataclass(frozen=True, slots=True)
+class Bartlett(Kernel):
     """1 - x (Newey and West 1987)."""
 
     name = "bartlett"
@@ -51,7 +52,8 @@ class Bartlett(Kernel, Frozen):
         return np.maximum(1.0 - x, 0.0)
 
 
-class Parzen(Kernel, Frozen):
+@dataclass(frozen=True, slots=True)
+class Parzen(Kernel):
     """1 - 6 x^2 + 6 x^3 up to 1/2, 2 (1 - x)^3 up to 1 (Gallant 1987)."""
 
     name = "parzen"
@@ -61,7 +63,8 @@ class Parzen(Kernel, Frozen):
         return np.where(x <= 0.5, near, 2.0 * np.maximum(1.0 - x, 0.0) ** 3)
 
 
-class QuadraticSpectral(Kernel, Frozen):
+@dataclass(frozen=True, slots=True)
+class QuadraticSpectral(Kernel):
     """3/z^2 (sin z / z - cos z) with z = 6 pi x / 5 (Andrews 1991); it has no end."""
 
     name = "quadratic_spectral"
@@ -129,7 +132,8 @@ class Bandwidth(ABC):
         """Bandwidth in lags, for so many scores, which are given in blocks, anew in each call."""
 
 
-class FixedBandwidth(Bandwidth, Frozen):
+@dataclass(frozen=True, slots=True)
+class FixedBandwidth(Bandwidth):
     """Chosen by the user, in lags: zero or more."""
 
     bandwidth: float | int
@@ -143,21 +147,24 @@ class FixedBandwidth(Bandwidth, Frozen):
         return float(self.bandwidth)
 
 
-class NeweyWestRule(Bandwidth, Frozen):
+@dataclass(frozen=True, slots=True)
+class NeweyWestRule(Bandwidth):
     """4 (N/100)^(2/9), the rule of thumb that goes with Newey and West (1994)."""
 
     def lags(self, _blocks: Blocks, count: int, _kernel: Kernel, /) -> float:
         return float(newey_west_bandwidth(count))
 
 
-class SquareRootRule(Bandwidth, Frozen):
+@dataclass(frozen=True, slots=True)
+class SquareRootRule(Bandwidth):
     """1.3 sqrt(N), which asks for fixed-b critical values (Lazarus, Lewis, Stock and Watson 2018)."""
 
     def lags(self, _blocks: Blocks, count: int, _kernel: Kernel, /) -> float:
         return 1.3 * float(np.sqrt(count)) - 1.0
 
 
-class AndrewsRule(Bandwidth, Frozen):
+@dataclass(frozen=True, slots=True)
+class AndrewsRule(Bandwidth):
     """Andrews' (1991) plug-in rule: as if each score, of variance one, were a first-order autoregression."""
 
     def lags(self, blocks: Blocks, count: int, kernel: Kernel) -> float:
@@ -191,7 +198,8 @@ def newey_west_bandwidth(count: int) -> int:
 LARGEST_VARIANCE = 1e250
 
 
-class CovariancePart(Frozen):
+@dataclass(frozen=True)
+class CovariancePart:
     """Covariance under one assumption on the residual, and what its intervals are read from."""
 
     name: str
@@ -219,7 +227,8 @@ class CovariancePart(Frozen):
         return t_tail(value / std_error, self.degrees) if std_error else float(value == 0.0)
 
 
-class JointCovariance(Frozen):
+@dataclass(frozen=True)
+class JointCovariance:
     """Covariances of one vector of estimates; intervals are the widest that one of them asks for."""
 
     parts: tuple[CovariancePart, ...]
@@ -276,7 +285,8 @@ def column_scale(matrix: Float[np.ndarray, "m n"]) -> Vector:
     return unit_scale(np.einsum("ij,ij->j", matrix, matrix))
 
 
-class JointEstimate(Frozen):
+@dataclass(frozen=True, slots=True)
+class JointEstimate:
     """A vector of estimates with its covariance."""
 
     values: Vector
@@ -384,7 +394,8 @@ def check_covariance_estimator(estimator: object) -> None:
     checks.kind("covariance", estimator, CovarianceEstimator, "one of eivor.covariances", remedy)
 
 
-class Classical(CovarianceEstimator, Frozen):
+@dataclass(frozen=True, slots=True)
+class Classical(CovarianceEstimator):
     """V = s^2 P'P: residuals are white, all of one variance, and independent of the test functions.
 
     Those of compensated equations are not: there the instruments share noise with the residual, and this
@@ -402,7 +413,8 @@ class Classical(CovarianceEstimator, Frozen):
         return (_part("classical", equation, variance * products),)
 
 
-class HeteroskedasticityRobust(CovarianceEstimator, Frozen):
+@dataclass(frozen=True, slots=True)
+class HeteroskedasticityRobust(CovarianceEstimator):
     """V = sum s_t s_t' (White 1980): scores are uncorrelated, their variance may change."""
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
@@ -412,7 +424,8 @@ class HeteroskedasticityRobust(CovarianceEstimator, Frozen):
         return (_part("heteroskedasticity_robust", equation, products),)
 
 
-class EqualWeightedCosines(CovarianceEstimator, Frozen):
+@dataclass(frozen=True, slots=True)
+class EqualWeightedCosines(CovarianceEstimator):
     """V from equal-weighted cosine averages of the scores (Lazarus, Lewis, Stock and Watson 2018).
 
     The number of averages B, one at least, is that of degrees of freedom. The default of 8 sees correlation
@@ -434,7 +447,8 @@ class EqualWeightedCosines(CovarianceEstimator, Frozen):
         return (_part("equal_weighted_cosines", equation, meat, degrees),)
 
 
-class ClusteredByFlight(CovarianceEstimator, Frozen):
+@dataclass(frozen=True, slots=True)
+class ClusteredByFlight(CovarianceEstimator):
     """V from the sums of each of ten flights or more: any dependence within a flight, none between."""
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
@@ -455,7 +469,8 @@ class ClusteredByFlight(CovarianceEstimator, Frozen):
         return (_part("clustered", equation, meat, float(flights - 1)),)
 
 
-class Widest(CovarianceEstimator, Frozen):
+@dataclass(frozen=True, slots=True)
+class Widest(CovarianceEstimator):
     """Several covariances; an interval is the widest that one asks for. Correlations are the first's."""
 
     estimators: tuple[CovarianceEstimator, ...]
@@ -517,7 +532,8 @@ ROW_COVARIANCE_LEVEL = 0.95
 
 
 @final
-class ByRow(CovarianceEstimator, Frozen):
+@dataclass(frozen=True, slots=True)
+class ByRow(CovarianceEstimator):
     """V = sum p_t p_t' e_t^2 / (1 - h_t)^2 over rows, bins of spectra among them, with t on few rows."""
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
@@ -557,7 +573,8 @@ def fixed_b_reference(kernel: Kernel, b: float) -> tuple[float, float]:
     return share**2 / spread, share
 
 
-class KernelRobust(CovarianceEstimator, Frozen):
+@dataclass(frozen=True, slots=True)
+class KernelRobust(CovarianceEstimator):
     """V = sum_l k(l/S) sum_t s_t s_{t-l}' (Newey and West 1987; Andrews 1991).
 
     Critical values allow for the bandwidth (Kiefer and Vogelsang 2005) where `fixed_b`. Else they are normal

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -11,10 +11,11 @@ import numpy as np
 
 from eivor.errors import CollinearError, UsageError
 from eivor.linalg.system import MULTIPLIED_ROWS, row_blocks
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 
-class EquationRows(Frozen):
+@dataclass(frozen=True)
+class EquationRows:
     """Successive rows of an estimating equation, in coordinates of its own."""
 
     test_functions: Float[np.ndarray, "rows n"]
@@ -24,7 +25,8 @@ class EquationRows(Frozen):
     constant: Float[np.ndarray, " n"] | None = None
 
 
-class EstimatingEquation(Frozen):
+@dataclass(frozen=True)
+class EstimatingEquation:
     """Sensitivity of an estimating equation, and its rows."""
 
     root: Float[np.ndarray, "n n"]  # R, upper triangular
@@ -93,7 +95,8 @@ def singular_sensitivity() -> CollinearError:
 SHORT_BLOCK = 64
 
 
-class Products(Frozen):
+@dataclass(frozen=True)
+class Products:
     """Sums of products of [psi phi y] over successive blocks of rows."""
 
     counts: Float[np.ndarray, " K"]  # Rows in each block

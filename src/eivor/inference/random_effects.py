@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
 
@@ -10,7 +11,7 @@ import numpy as np
 import scipy
 
 from eivor.inference.distributions import chi_square_tail, normal_quantile
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 PerNode = Float[np.ndarray, "nodes groups"]
 
@@ -19,7 +20,8 @@ Rows: TypeAlias = Float[np.ndarray, " rows"]
 PerGroup: TypeAlias = Float[np.ndarray, " groups"]
 
 
-class Groups(Frozen):
+@dataclass(frozen=True)
+class Groups:
     """Consecutive rows of groups."""
 
     sizes: Int[np.ndarray, " groups"]
@@ -47,7 +49,8 @@ def one_group(rows: int) -> Groups:
     return Groups(np.array([rows]))
 
 
-class Weighted(Frozen):
+@dataclass(frozen=True)
+class Weighted:
     """Weighted means."""
 
     weights: Rows  # w = 1 / (v + between)
@@ -62,7 +65,8 @@ BETWEEN_STEPS = 60
 BETWEEN_TOLERANCE = 1e-8
 
 
-class RandomEffectsMeans(Frozen):
+@dataclass(frozen=True)
+class RandomEffectsMeans:
     """Means of groups of estimates that differ by more than chance."""
 
     value: PerGroup
@@ -78,7 +82,8 @@ class RandomEffectsMeans(Frozen):
         return np.where(several, quantile * np.sqrt(self.variance), np.inf)
 
 
-class Grouped(Frozen):
+@dataclass(frozen=True)
+class Grouped:
     """Estimates with their variances, in groups. Performs no checks."""
 
     groups: Groups
@@ -169,7 +174,8 @@ HALF_WIDTH_STEPS, HALF_WIDTH_TOLERANCE = 30, 1e-4
 LEVEL = 0.95
 
 
-class BetweenDistribution(Frozen):
+@dataclass(frozen=True)
+class BetweenDistribution:
     """The variance between estimates as a distribution, group by group."""
 
     sizes: Int[np.ndarray, " groups"]

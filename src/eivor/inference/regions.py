@@ -16,7 +16,7 @@ from eivor import checks
 from eivor.errors import ShapeError, UsageError
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.distributions import chi_square_quantile
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 Point = Float[np.ndarray, " n_plus_1"]
 
@@ -79,7 +79,8 @@ class RegionShape(ABC):
         return ConfidenceSet.union((float(a), float(b)) for a, b in zip(ends[::2], ends[1::2], strict=True))
 
 
-class RegionFrame(Frozen):
+@dataclass(frozen=True)
+class RegionFrame:
     """Origin and units in which a region is computed."""
 
     pivot: Float[np.ndarray, " n"]  # A point near the region's middle, in the parameters' units

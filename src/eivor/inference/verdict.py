@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
-
-from eivor.tools import Frozen
 
 
 class Status(Enum):
@@ -40,7 +39,8 @@ class Cause(Enum):
     INSTRUMENT = "no instrument, so that disturbances bias it"
 
 
-class Reason(Frozen):
+@dataclass(frozen=True, slots=True)
+class Reason:
     """A reason for a verdict."""
 
     status: Status  # The best that it allows
@@ -49,7 +49,8 @@ class Reason(Frozen):
     cause: Cause = Cause.OTHER
 
 
-class Verdict(Frozen):
+@dataclass(frozen=True, slots=True)
+class Verdict:
     """Status and the reasons for it."""
 
     status: Status

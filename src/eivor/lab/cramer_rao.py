@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from eivor.estimation import sampled_motion as sampling
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.records import DisturbanceRoute, Intersample, Scenario, SimulatedRecord, simulate
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
-from eivor.tools import Complex, Float, Frozen
+from eivor.tools import Complex, Float
 
 __all__ = ["CramerRaoBound", "cramer_rao"]
 
@@ -27,7 +27,8 @@ def __dir__() -> list[str]:
     return __all__
 
 
-class CramerRaoBound(Frozen):
+@dataclass(frozen=True)
+class CramerRaoBound:
     """Least covariance of unbiased estimates of friction and gain."""
 
     covariance: Float[np.ndarray, "2 2"]  # Inverse of the information, averaged over records
@@ -124,7 +125,8 @@ def _information(
     return np.asarray(information)
 
 
-class KnownNoise(Frozen):
+@dataclass(frozen=True)
+class KnownNoise:
     """Noises of a simulated record as they really are."""
 
     noise: sampling.NoiseModel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Annotated
 
@@ -11,10 +12,11 @@ import numpy as np
 from eivor.checks import finite, given, in_ranges, non_negative, positive, require
 from eivor.simulation import excitation
 from eivor.simulation.environment import gusts
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 
-class CoefficientCourse(Frozen):
+@dataclass(frozen=True, slots=True)
+class CoefficientCourse:
     """Course of a coefficient over a record: mean + amplitude sin(2 pi cycles k / N + phase)."""
 
     mean: excitation.Finite = 0.0  # Pure numbers
@@ -35,7 +37,8 @@ class CoefficientCourse(Frozen):
 CHECKED = 257
 
 
-class Arma(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class Arma(excitation.Disturbance):
     """Autoregressive moving average, stationary from its first sample."""
 
     std: excitation.Size  # Standard deviation of the shocks w, in the unit of the equation
@@ -73,7 +76,8 @@ class Arma(excitation.Disturbance, Frozen):
         return self.std * excitation.autoregression(driven, excitation.constant(self.autoregression, count))
 
 
-class TimeVaryingArma(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class TimeVaryingArma(excitation.Disturbance):
     """Autoregressive moving average whose coefficients depend on time; zero before the record."""
 
     std: excitation.Size  # Standard deviation of the shocks w, in the unit of the equation
@@ -101,7 +105,8 @@ class TimeVaryingArma(excitation.Disturbance, Frozen):
         return np.array([course.values(count) for course in courses]).reshape(len(courses), count).T
 
 
-class RandomCoefficientMovingAverage(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class RandomCoefficientMovingAverage(excitation.Disturbance):
     """x[k] = sum_j c_j(k) w[k-j], j = 1, 2, ..., with coefficients drawn anew at each sample."""
 
     # Of the normal coefficients c_1, c_2, ... (the paper's: 0 and 3, 1 and 1)
@@ -122,7 +127,8 @@ class RandomCoefficientMovingAverage(excitation.Disturbance, Frozen):
         return self.std * series
 
 
-class Trend(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class Trend(excitation.Disturbance):
     """Polynomial of the time in the record, counted from -1 at its first sample to 1 at its last."""
 
     # Of the powers 0, 1, ..., in the unit of the equation
@@ -132,7 +138,8 @@ class Trend(excitation.Disturbance, Frozen):
         return np.polynomial.polynomial.polyval(np.linspace(-1.0, 1.0, count), np.array(self.coefficients))
 
 
-class Sinusoids(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class Sinusoids(excitation.Disturbance):
     """sum_i amplitude_i sin(frequency_i t + phase_i)."""
 
     amplitudes: Annotated[tuple[float, ...], given, (finite, "amplitude")]  # In the unit of the equation
@@ -153,7 +160,8 @@ class Sinusoids(excitation.Disturbance, Frozen):
         return sum((a * np.sin(frequency * t + phase) for a, frequency, phase in waves), np.zeros(count))
 
 
-class BoundedAdversary(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class BoundedAdversary(excitation.Disturbance):
     """Unknown but bounded: always at one bound or the other, which is all that is known of it.
 
     It switches with a period that shrinks geometrically over the record, so that no frequency band is spared,
@@ -178,6 +186,7 @@ class BoundedAdversary(excitation.Disturbance, Frozen):
         return np.where(turns / self.longest_s % 1.0 < self.high_share, self.bound, -self.bound)
 
 
+@dataclass(frozen=True, slots=True)
 class GivenDisturbance(excitation.GivenSeries, excitation.Disturbance):
     """A user's own series, from its beginning."""
 
@@ -185,7 +194,8 @@ class GivenDisturbance(excitation.GivenSeries, excitation.Disturbance):
     values: Annotated[tuple[float, ...], given, (finite, "value")]
 
 
-class SumOfDisturbances(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class SumOfDisturbances(excitation.Disturbance):
     """Several independent disturbances at once."""
 
     parts: Annotated[tuple[excitation.Disturbance, ...], given]  # Each draws from a stream of its own
@@ -209,7 +219,8 @@ def paper_disturbance(std: float = 1.0) -> SumOfDisturbances:
     return SumOfDisturbances((moving, Sinusoids((1.0, 1.0), (0.01, 10.0))))
 
 
-class OrnsteinUhlenbeck(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class OrnsteinUhlenbeck(excitation.Disturbance):
     """Normal series whose correlation falls exponentially; the longitudinal turbulence of MIL-F-8785C."""
 
     std: excitation.Size  # Standard deviation, in the unit of what it disturbs
@@ -220,7 +231,8 @@ class OrnsteinUhlenbeck(excitation.Disturbance, Frozen):
         return gusts(count=count, axes=1, rng=rng, **known)[:, 0]
 
 
-class ThresholdMovingAverage(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class ThresholdMovingAverage(excitation.Disturbance):
     """Self-exciting threshold moving average: x[k] = w[k] + sum_j b_j w[k-j], b by where x[k-delay] lies.
 
     Stationary for all coefficients. One step at a time: about 1 ms for 4000 samples.
@@ -263,7 +275,8 @@ class ThresholdMovingAverage(excitation.Disturbance, Frozen):
         return np.array(series[self.delay + unused :])
 
 
-class BilinearTerm(Frozen):
+@dataclass(frozen=True, slots=True)
+class BilinearTerm:
     """b x[k - series_lag] w[k - shock_lag]."""
 
     coefficient: excitation.Finite
@@ -278,7 +291,8 @@ class BilinearTerm(Frozen):
         require(self.series_lag > self.shock_lag, expected, received)
 
 
-class Bilinear(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class Bilinear(excitation.Disturbance):
     """Strongly subdiagonal bilinear of several terms: x[k] = w[k] + sum_m b_m x[k - i_m] w[k - j_m].
 
     Uncorrelated, but not independent: its extremes come from its own past.
@@ -310,7 +324,8 @@ class Bilinear(excitation.Disturbance, Frozen):
         return (self.std * sum(abs(term.coefficient) for term in self.terms)) ** 2
 
 
-class Garch(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class Garch(excitation.Disturbance):
     """x[k] = sqrt(h[k]) w[k], h[k] = floor + sum_i a_i x[k-i]^2 + sum_j b_j h[k-j]; ARCH without b."""
 
     # Constant part of the variance, above zero, in the square of the equation's unit
@@ -367,7 +382,8 @@ class Garch(excitation.Disturbance, Frozen):
         return np.array(series)
 
 
-class VarianceSwitch(excitation.Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class VarianceSwitch(excitation.Disturbance):
     """Another disturbance whose variance is multiplied from some time of the record on."""
 
     series: excitation.Disturbance  # What it is before

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -18,7 +18,7 @@ from eivor.motions.vertical.model import VerticalMotion
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Disturbance, Excitation, autoregression, constant, largest_root
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: First record of several trials, whose rate, length and noises all have, and all channels side by side.
 Records: TypeAlias = tuple[Signals, Mapping[str, Float[np.ndarray, "trials n"]]]
@@ -109,7 +109,8 @@ class Experiment(ABC):
         return first, {name: np.stack([item.channels[name] for item in made]) for name in first.channels}
 
 
-class VerticalExperiment(Experiment, Frozen):
+@dataclass(frozen=True, slots=True)
+class VerticalExperiment(Experiment):
     """Vertical motion z'' = -K z' + K_u u, the paper's simulation."""
 
     scenario: Scenario  # What is simulated
@@ -140,7 +141,8 @@ SOURCES = ("excitation", "disturbance", OUTPUT, INPUT)
 LARGEST_ROOT = 1.0
 
 
-class DifferenceEquation(Experiment, Frozen):
+@dataclass(frozen=True, slots=True)
+class DifferenceEquation(Experiment):
     """A linear difference equation, simulated and posed as a regression."""
 
     output_coefficients: tuple[float, ...]

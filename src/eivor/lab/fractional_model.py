@@ -26,7 +26,7 @@ from eivor.models.spectral import SpectralRegression
 from eivor.signals.filters import filtered, in_a_row, reciprocal
 from eivor.signals.noise import fractional_weights, order_slope
 from eivor.signals.signals import Signals
-from eivor.tools import Complex, Float, Frozen
+from eivor.tools import Complex, Float
 
 
 class FractionalOperator(ABC):
@@ -103,7 +103,8 @@ CIRCLE_POINTS = 20_000
 NEAREST_ANGLE = 1e-9
 
 
-class Side(Frozen):
+@dataclass(frozen=True, slots=True)
+class Side:
     """sum_i c_i z^-lag_i operator^order_i."""
 
     terms: tuple[tuple[float, float, int], ...]  # Coefficient, order and lag of each term
@@ -177,7 +178,8 @@ def order_at(order: Order, orders: Mapping[str, float]) -> float:
     return orders[order.name] if isinstance(order, UnknownOrder) else float(order)
 
 
-class FractionalPart(Frozen):
+@dataclass(frozen=True, slots=True)
+class FractionalPart:
     """``gain * operator^order channel[k - lag]``, or its derivative by the order. Performs no checks."""
 
     channel: str
@@ -259,7 +261,8 @@ def _span(term: FractionalTerm) -> str:
 Kept = dict[tuple[str, float, bool], Float[np.ndarray, " n"]]
 
 
-class FilteredSignals(Frozen):
+@dataclass(frozen=True)
+class FilteredSignals:
     """Channels behind the operators of one equation."""
 
     signals: Signals
@@ -370,7 +373,8 @@ class FilteredSignals(Frozen):
         return result
 
 
-class FractionalRegression(LinearProblem, Frozen):
+@dataclass(frozen=True)
+class FractionalRegression(LinearProblem):
     """Rows of a fractional difference equation whose orders are known."""
 
     filtered: FilteredSignals
@@ -431,7 +435,8 @@ GRID_POINTS = 11
 ORDER_TOLERANCE = 1e-5
 
 
-class FractionalProblem(LinearisableProblem, Frozen):
+@dataclass(frozen=True)
+class FractionalProblem(LinearisableProblem):
     """A fractional difference equation and a record of it."""
 
     filtered: FilteredSignals

@@ -29,7 +29,7 @@ from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Excitation, PaperInput, WhiteExcitation
 from eivor.strict_toml import package_tables
-from eivor.tools import Bool, Float, Frozen
+from eivor.tools import Bool, Float
 
 #: theta = (K, K_u) of (34).
 TRUTH: Mapping[str, float] = {"viscous_friction": 0.293, "input_gain": 0.021}
@@ -59,7 +59,8 @@ METHODS = tuple(METHOD_WORDS)
 PRINTED_METHODS: Mapping[str, str] = {METHOD_WORDS[name]: name for name in METHODS[::2]}
 
 
-class Example(Frozen):
+@dataclass(frozen=True, slots=True)
+class Example:
     """An example of the paper with the table it prints."""
 
     number: int  # 1 or 2
@@ -108,7 +109,8 @@ Compensation = Literal[
 ]
 
 
-class PaperReading(Frozen):
+@dataclass(frozen=True, slots=True)
+class PaperReading:
     """One way to read the paper's simulation."""
 
     name: str  # What the command line calls it
@@ -179,7 +181,8 @@ class AlternatingNoise(FractionalNoise):
         return (-1.0) ** np.arange(count) * FractionalNoise.sample(self, count, rng)
 
 
-class SampleClockInput(Excitation, Frozen):
+@dataclass(frozen=True, slots=True)
+class SampleClockInput(Excitation):
     """The paper's (35) with t counted in samples."""
 
     variance: float
@@ -362,7 +365,8 @@ AGREEMENT = 3.0
 PRINTED_RUNS = 100
 
 
-class PaperResult(Frozen):
+@dataclass(frozen=True, slots=True)
+class PaperResult:
     """What came out of one example under one reading."""
 
     reading: PaperReading  # The reading
@@ -388,7 +392,8 @@ class PaperResult(Frozen):
         return tuple(map(spread_of, self.nrmse(method).T))
 
 
-class Nearness(Frozen):
+@dataclass(frozen=True, slots=True)
+class Nearness:
     """How far a reading is from the printed tables."""
 
     # Typical factor between measured and printed means, and SDs, of NRMSE: exp of the mean of |log(measured /

@@ -17,10 +17,11 @@ from eivor.signals.recording import Channel, Recording
 from eivor.signals.signals import Signals
 from eivor.simulation.environment import KnownLog
 from eivor.simulation.excitation import Disturbance, Excitation, PaperInput, at_least
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 
-class Control(Frozen):
+@dataclass(frozen=True, slots=True)
+class Control:
     """PI control of the measured velocity, whose setpoint follows the altitude where that has a gain.
 
     The excitation is the reference velocity [m/s], or with an altitude gain the reference altitude [m].
@@ -194,7 +195,8 @@ class Scenario:
         return (self.control.reference,) if self.control else ()
 
 
-class SimulatedRecord(Frozen):
+@dataclass(frozen=True)
+class SimulatedRecord:
     """A simulated record and its truth."""
 
     signals: Signals

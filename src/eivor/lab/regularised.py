@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,13 +13,14 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, Method, Problem, check_method
 from eivor.linalg import total_least_squares as tls
 from eivor.linalg.system import LinearSystem, Shrinkage, Solution, Solver, triangular_root
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: Decades of the parameter that cross-validation tries, and points in each; zero is tried as well.
 DECADES, POINTS = (-14, 4), 20
 
 
-class ReducedProblem(Frozen):
+@dataclass(frozen=True)
+class ReducedProblem:
     """A problem in the coordinates in which it is regularised."""
 
     R: Float[np.ndarray, "n n"]  # triangular factor of the scaled or whitened columns
@@ -64,7 +65,8 @@ class ReducedProblem(Frozen):
         return float(parameters[np.argmin(misfits / (self.equations - self.kept(parameters)) ** 2)])
 
 
-class Tikhonov(Frozen):
+@dataclass(frozen=True)
+class Tikhonov:
     """Parameter, and the vector that the solution is shrunk towards."""
 
     parameter: float | None = None  # Zero or more
@@ -102,7 +104,8 @@ class Tikhonov(Frozen):
         return theta, Shrinkage(chosen, parameter, kept, theta - back(problem.solution(0.0)))
 
 
-class RegularisedLeastSquares(Solver, Frozen):
+@dataclass(frozen=True)
+class RegularisedLeastSquares(Solver):
     """Least of ||b - A theta||^2 + a ||D (theta - towards)||^2, D the columns' lengths."""
 
     scheme: Tikhonov = Tikhonov()  # Parameter and vector
@@ -120,7 +123,8 @@ class RegularisedLeastSquares(Solver, Frozen):
         return Solution(theta, residual, float(residual @ residual), condition, shrinkage)
 
 
-class RegularisedTotalLeastSquares(tls.ErrorsInColumns, Frozen):
+@dataclass(frozen=True)
+class RegularisedTotalLeastSquares(tls.ErrorsInColumns):
     """Generalized total least squares with the shift a taken off sigma^2, sigma = sigma_min([A b])."""
 
     scheme: Tikhonov = Tikhonov()  # Parameter and vector
@@ -135,7 +139,8 @@ class RegularisedTotalLeastSquares(tls.ErrorsInColumns, Frozen):
         return split.solution(*self.scheme.solve(problem, split.theta))
 
 
-class ShrunkTowards(Method, Frozen):
+@dataclass(frozen=True)
+class ShrunkTowards(Method):
     """A method whose solution is shrunk towards the estimate of another method on the same problem."""
 
     name: str

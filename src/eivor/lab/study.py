@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
 from functools import cache, partial
 from importlib.metadata import version
@@ -36,7 +36,7 @@ from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
 from eivor.models.regression import Column, lags
 from eivor.process_pool import Executor, InProcess, abandoned, local_executor
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Float, Frozen, ItemsDone, no_items_callback
+from eivor.tools import Bool, Float, ItemsDone, no_items_callback
 
 #: Methods that need no instruments.
 DIRECT = ("least_squares", "total_least_squares", "bias_compensated_least_squares")
@@ -78,7 +78,8 @@ MOST_SHARD_TRIALS, MOST_SHARD_SAMPLES = 1_000, 500_000
 MOST_RUNS = 10_000_000
 
 
-class Regularisation(Frozen):
+@dataclass(frozen=True, slots=True)
+class Regularisation:
     """Tikhonov's regularisation of a method."""
 
     parameter: float | None = None
@@ -89,7 +90,8 @@ class Regularisation(Frozen):
         regularised(methods.least_squares(), self.parameter)
 
 
-class MethodChoice(Frozen):
+@dataclass(frozen=True, slots=True)
+class MethodChoice:
     """A method and its options in a study."""
 
     name: str  # One of `METHODS`
@@ -151,7 +153,8 @@ class MethodChoice(Frozen):
         return () if self.lags is None else lags(self.channel, *self.lags)
 
 
-class Study(Frozen):
+@dataclass(frozen=True, slots=True)
+class Study:
     """A Monte Carlo study."""
 
     name: str  # What reports call it
@@ -446,7 +449,8 @@ TABLE_FILE = "trials.parquet"
 report_study_errors = partial(atomic_file.report_system_errors, of="study", kept="Trials that were complete")
 
 
-class TrialShards(Frozen):
+@dataclass(frozen=True, slots=True)
+class TrialShards:
     """Shards of a study in a folder."""
 
     study: Study
@@ -577,7 +581,8 @@ def _listed(versions: object) -> str:
     return ", ".join(f"{package} {number}" for package, number in pairs)
 
 
-class StudyResult(Frozen):
+@dataclass(frozen=True)
+class StudyResult:
     """A finished study."""
 
     study: Study  # What was run
@@ -631,7 +636,8 @@ def run_study(
     return StudyResult(study, folder, shards.consolidate())
 
 
-class Share(Frozen):
+@dataclass(frozen=True, slots=True)
+class Share:
     """A share of trials, with its binomial error."""
 
     hits: int  # Trials that did, and all
@@ -658,7 +664,8 @@ class Share(Frozen):
 TOGETHER = "together"
 
 
-class Spread(Frozen):
+@dataclass(frozen=True, slots=True)
+class Spread:
     """Mean and sample standard deviation over trials; NaN where there are too few values."""
 
     mean: float
@@ -668,7 +675,8 @@ class Spread(Frozen):
         return f"{self.mean:{digits}} ± {self.std:.2g}"
 
 
-class ParameterScore(Frozen):
+@dataclass(frozen=True, slots=True)
+class ParameterScore:
     """How a method did on one parameter."""
 
     name: str
@@ -680,7 +688,8 @@ class ParameterScore(Frozen):
     coverage: Share | None
 
 
-class MethodScore(Frozen):
+@dataclass(frozen=True, slots=True)
+class MethodScore:
     """How a method did."""
 
     label: str

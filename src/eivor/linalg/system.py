@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from itertools import chain, islice
 from typing import TypeVar
 
@@ -15,7 +16,7 @@ import scipy
 
 from eivor import checks
 from eivor.errors import NonFiniteError, ShapeError, TooFewSamplesError
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 Block = TypeVar("Block")
 Made = TypeVar("Made")
@@ -97,7 +98,8 @@ def symmetric_eigen(
     return values, vectors
 
 
-class LinearSystem(Frozen):
+@dataclass(frozen=True, slots=True)
+class LinearSystem:
     """Equations A theta = b, usually more of them than unknowns."""
 
     matrix: Float[np.ndarray, "m n"]
@@ -138,7 +140,8 @@ class LinearSystem(Frozen):
         return float(self.matrix.shape[0]) if self.count is None else self.count
 
 
-class Shrinkage(Frozen):
+@dataclass(frozen=True, slots=True)
+class Shrinkage:
     """What regularisation did to a solution."""
 
     choice: str
@@ -147,7 +150,8 @@ class Shrinkage(Frozen):
     shift: Float[np.ndarray, " n"]  # Theta less the solution that is not regularised
 
 
-class Solution(Frozen):
+@dataclass(frozen=True, slots=True)
+class Solution:
     """What a solver found."""
 
     theta: Float[np.ndarray, " n"]
@@ -157,7 +161,8 @@ class Solution(Frozen):
     shrinkage: Shrinkage | None = None
 
 
-class ScoreCorrection(Frozen):
+@dataclass(frozen=True, slots=True)
+class ScoreCorrection:
     """What to add to the test functions of a direct method, and to the sensitivity of its score."""
 
     rows: Float[np.ndarray, "rows n"]  # Added to the regressors

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from abc import abstractmethod
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -19,7 +20,7 @@ from eivor.errors import (
     UsageError,
 )
 from eivor.linalg.system import LinearSystem, ScoreCorrection, Shrinkage, Solution, Solver, triangular_root
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 Vector = Float[np.ndarray, " n"]
 Square = Float[np.ndarray, "n n"]
@@ -77,7 +78,8 @@ class UnweightedLeastSquares(Solver):
         return np.asarray(roots[:, -1, -1] ** 2)
 
 
-class LeastSquares(UnweightedLeastSquares, Frozen):
+@dataclass(frozen=True, slots=True)
+class LeastSquares(UnweightedLeastSquares):
     """Minimise ||b - A theta||_2 by QR. O(m n^2); never squares the condition number."""
 
     def triangular_solution(self, R: Square, right: Vector, _smallest: float, /) -> Vector:
@@ -85,7 +87,8 @@ class LeastSquares(UnweightedLeastSquares, Frozen):
         return scipy.linalg.lapack.dtrtrs(R, right)[0]
 
 
-class AugmentedLeastSquares(UnweightedLeastSquares, Frozen):
+@dataclass(frozen=True, slots=True)
+class AugmentedLeastSquares(UnweightedLeastSquares):
     """Minimise ||b - A theta||_2 through the augmented system, the paper's (10), (25), (31)."""
 
     def triangular_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
@@ -129,7 +132,8 @@ def lost_to_rounding(singular: Vector, size: int) -> bool:
 SEPARATION = 1e-12
 
 
-class SplitProblem(Frozen):
+@dataclass(frozen=True)
+class SplitProblem:
     """Whitened columns with errors, and the way back."""
 
     system: LinearSystem
@@ -263,7 +267,8 @@ class GeneralizedTotalLeastSquares(ErrorsInColumns):
         return split.solution(split.theta(whitened))
 
 
-class TotalLeastSquares(GeneralizedTotalLeastSquares, Frozen):
+@dataclass(frozen=True, slots=True)
+class TotalLeastSquares(GeneralizedTotalLeastSquares):
     """Generalized total least squares by the SVD. O(m n^2)."""
 
     def whitened_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
@@ -273,7 +278,8 @@ class TotalLeastSquares(GeneralizedTotalLeastSquares, Frozen):
         return np.asarray(Vt.T @ (gains * (U.T @ right)))
 
 
-class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares, Frozen):
+@dataclass(frozen=True, slots=True)
+class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares):
     """Generalized total least squares through the augmented system, the paper's (16), (27), (33)."""
 
     def whitened_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
@@ -282,7 +288,8 @@ class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares, Frozen):
         return solve_augmented(R, right, smallest, smallest)
 
 
-class Fuller(ErrorsInColumns, Frozen):
+@dataclass(frozen=True, slots=True)
+class Fuller(ErrorsInColumns):
     """Total least squares with less of a shift: (R'R - (sigma^2 - a/nu) I) theta = R' right (Fuller 1977)."""
 
     strength: float = 1.0  # a, zero for LIML

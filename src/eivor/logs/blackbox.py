@@ -6,7 +6,7 @@ import math
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +18,6 @@ from eivor.logs.channel_map import ChannelMap, ChannelRule, Expression, load_cha
 from eivor.logs.common import Columns, LogFormat, ReadOptions, begins_with, believable, noted
 from eivor.logs.mapping import fitted_rules, mapped_recording
 from eivor.signals.recording import Finding, LogOrigin, Recording
-from eivor.tools import Frozen
 
 MAGIC = b"H Product:Blackbox"
 SIGNED, UNSIGNED, NEGATIVE_14, TAG8_8, TAG2_3, TAG8_4, NOTHING, TAG2_3_VARIABLE = 0, 1, 3, 6, 7, 8, 9, 10
@@ -57,7 +56,8 @@ Block = np.ndarray  # (n,) numbers of frames
 # -- Head --
 
 
-class FrameFields(Frozen):
+@dataclass(frozen=True, slots=True)
+class FrameFields:
     """What frames of a kind hold, by field."""
 
     names: tuple[str, ...]
@@ -66,7 +66,8 @@ class FrameFields(Frozen):
     encodings: tuple[int, ...]
 
 
-class Head(Frozen):
+@dataclass(frozen=True, slots=True)
+class Head:
     """The head of a log: its keys, and the fields of each kind of frame."""
 
     values: Mapping[str, str]

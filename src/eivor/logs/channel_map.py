@@ -8,6 +8,7 @@ import re
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import msgspec
@@ -20,7 +21,7 @@ from eivor.signals.filters import lagged_between_stamps, time_derivative
 from eivor.signals.recording import DataSheet, Frame
 from eivor.signals.thrust_map import input_map
 from eivor.strict_toml import Text, TomlFiles, TomlTable
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: Elementwise functions; how many arguments one has is the ufunc's `nin`.
 FUNCTIONS: Mapping[str, np.ufunc] = {
@@ -65,7 +66,8 @@ MAX_EXPONENT = 8.0
 _QUOTED = re.compile(r'"([^"\x00]+)"')
 
 
-class InTime(Frozen):
+@dataclass(frozen=True, slots=True)
+class InTime:
     """A step over the whole series: its derivative, or the series behind a first-order lag."""
 
     lag_s: float | None = None  # None for the derivative
@@ -93,7 +95,8 @@ class InTime(Frozen):
 Step = float | str | np.ufunc | InTime
 
 
-class Expression(Frozen):
+@dataclass(frozen=True, slots=True)
+class Expression:
     """A checked expression."""
 
     text: str
@@ -294,7 +297,8 @@ _FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
 ValidRange = tuple[float, float, str]
 
 
-class ChannelRule(Frozen):
+@dataclass(frozen=True, slots=True)
+class ChannelRule:
     """How one channel is made of columns."""
 
     name: str
@@ -316,7 +320,8 @@ def columns_of(rules: Iterable[ChannelRule]) -> dict[str, None]:
     return dict.fromkeys(column for rule in rules for column in rule.expression.columns)
 
 
-class ChannelMap(Frozen):
+@dataclass(frozen=True, slots=True)
+class ChannelMap:
     """A checked channel map."""
 
     name: str

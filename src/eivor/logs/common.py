@@ -29,10 +29,11 @@ from eivor.signals.recording import (
     clean_channel,
 )
 from eivor.strict_toml import package_tables
-from eivor.tools import Bool, Float, Frozen
+from eivor.tools import Bool, Float
 
 
-class Columns(Frozen):
+@dataclass(frozen=True, slots=True)
+class Columns:
     """Columns of a table as numbers."""
 
     values: Mapping[str, Series]
@@ -144,7 +145,8 @@ def channel_findings(channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
     return findings_of({name: look(channel) for name, channel in channels.items()}, channels)
 
 
-class ChannelProfile(Frozen):
+@dataclass(frozen=True, slots=True)
+class ChannelProfile:
     """What findings need of every channel."""
 
     quality: ChannelQuality
@@ -373,7 +375,8 @@ class KeptChannels(MadeChannels):
 HEAD_BYTES = 65536
 
 
-class ReadOptions(Frozen):
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
     """What a reader receives besides the file."""
 
     channel_map: str | os.PathLike[str] | None = None
@@ -392,14 +395,16 @@ def begins_with(*magic: bytes) -> Callable[[bytes, Path], bool]:
     return lambda head, _file: head.startswith(magic)
 
 
-class FolderParts(Frozen):
+@dataclass(frozen=True, slots=True)
+class FolderParts:
     """Files of a folder that are no logs themselves."""
 
     members: frozenset[str] = frozenset()
     derived: frozenset[str] = frozenset()
 
 
-class LogFormat(Frozen):
+@dataclass(frozen=True, slots=True)
+class LogFormat:
     """A format of logs, one row of the table in `eivor.logs.read`."""
 
     name: str  # The word of `Recording.format`

@@ -20,7 +20,7 @@ from eivor.logs.mapping import channels_by_clock, delay_findings, fitted_rules, 
 from eivor.signals.channels import held_by_default
 from eivor.signals.recording import LARGEST_VALUE, Channel, Finding, Frame, LogOrigin, Recording
 from eivor.strict_toml import package_tables
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: Value of a motor's duty cycle, and of the controllers' thrust, at full power.
 FULL_POWER = 65535.0
@@ -36,7 +36,8 @@ UNPACKED = tuple(f"{PACKED_QUATERNION}.{part}" for part in "xyzw")
 VELOCITY_SETPOINTS = {"ctrltarget.vz": "ctrltarget.z", "ctrltargetZ.vz": "ctrltargetZ.z"}
 
 
-class VariableSource(Frozen):
+@dataclass(frozen=True, slots=True)
+class VariableSource:
     """One place where a quantity may be."""
 
     quantity: str
@@ -166,7 +167,8 @@ MAX_VARIABLES = 4096
 MAX_NAME_BYTES = 255
 
 
-class EventType(Frozen):
+@dataclass(frozen=True, slots=True)
+class EventType:
     """A type of events."""
 
     number: int
@@ -175,7 +177,8 @@ class EventType(Frozen):
     record: np.dtype[np.void]
 
 
-class Header(Frozen):
+@dataclass(frozen=True, slots=True)
+class Header:
     """The head of a log."""
 
     types: tuple[EventType, ...]
@@ -284,7 +287,8 @@ SEARCH_BLOCK = 512
 CLOCK = "timestamp"
 
 
-class Event(Frozen):
+@dataclass(frozen=True)
+class Event:
     """The records of one type, whose variables are converted when they are requested."""
 
     name: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import import_module
 from typing import Any, TypeAlias
@@ -16,7 +16,7 @@ from eivor import checks
 from eivor.errors import DataError, EstimationError, MissingReaderError, TooFewSamplesError
 from eivor.signals.filters import fast_length
 from eivor.signals.signals import stretches
-from eivor.tools import Bool, Complex, Float, Frozen, Int
+from eivor.tools import Bool, Complex, Float, Int
 
 Spectrum = Complex[np.ndarray, " f"]
 PerFrequency = Float[np.ndarray, " f"]
@@ -71,7 +71,8 @@ def python_control(instead: str = "") -> Any:
         raise MissingReaderError(expected, "a Python without it", remedy) from error
 
 
-class Points(Frozen):
+@dataclass(frozen=True)
+class Points:
     """Responses to the reference at frequencies, with the covariance of their errors."""
 
     frequency_hz: PerFrequency
@@ -160,7 +161,8 @@ def _magnitude_and_phase(centre: Spectrum, radius: PerFrequency) -> tuple[Band, 
     return magnitude, np.column_stack([angle - half, angle + half])
 
 
-class Spectra(Frozen):
+@dataclass(frozen=True)
+class Spectra:
     """Spectra of one run without window: columns are reference, input and output."""
 
     length_s: float
@@ -283,7 +285,8 @@ def multisine_lines(runs: Sequence[Spectra], period_s: float, band_hz: tuple[flo
     return _points(excited / runs[0].length_s, rows)
 
 
-class FrequencyResponse(Frozen):
+@dataclass(frozen=True)
+class FrequencyResponse:
     """Response from input to output at frequencies, with bands, coherences and the direct estimate."""
 
     points: Points  # Responses of output and input to the reference; their ratio is the response

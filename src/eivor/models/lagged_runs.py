@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -23,7 +23,7 @@ from eivor.models.separable import (
 )
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun, trend
 from eivor.signals.filters import shifted_by
-from eivor.tools import Bool, Complex, Float, Frozen
+from eivor.tools import Bool, Complex, Float
 
 #: Nuisances of nearly every vehicle, as they are called in results.
 ACTUATOR_LAG = Parameter("actuator_lag", "s")
@@ -97,7 +97,8 @@ def measured_state() -> tuple[Nuisance, Nuisance]:
 RowNoise = tuple[Float[np.ndarray, "n_plus_1 n_plus_1"] | None, Float[np.ndarray, "p n_plus_1"]]
 
 
-class AxisColumns(Frozen):
+@dataclass(frozen=True)
+class AxisColumns:
     """Columns of one axis of one flight on its whole grid of n samples, and the runs of it that count."""
 
     step_s: float  # Step of the grid [s]
@@ -151,7 +152,8 @@ MOST_INTERPOLATED = 200
 LEAST_SECOND_LAG = 0.05
 
 
-class LagsAndDelays(Interpolation, Frozen):
+@dataclass(frozen=True)
+class LagsAndDelays(Interpolation):
     """Columns at Chebyshev's points of log lag and whole steps of delay, with held inputs exact between."""
 
     ends: tuple[float, float]  # Logarithms of the least and the longest lag [s]
@@ -217,7 +219,8 @@ class LagsAndDelays(Interpolation, Frozen):
         return np.concatenate([-np.expm1(-decay)[:, None] * kept[:, :-1], kept[:, -1:] * of_lag], axis=1)
 
 
-class Shifts(Interpolation, Frozen):
+@dataclass(frozen=True)
+class Shifts(Interpolation):
     """Columns at whole steps of a delay of either sign, and those of `shifted_by` between."""
 
     points: list[dict[str, float]]
@@ -229,7 +232,8 @@ class Shifts(Interpolation, Frozen):
         return np.stack([late(delay_s=delay_s)[:, 0] for delay_s in values[DELAY.name].tolist()])
 
 
-class LaggedRuns(SeparableProblem, Frozen):
+@dataclass(frozen=True)
+class LaggedRuns(SeparableProblem):
     """Regressions of runs for each value of the nuisances."""
 
     columns: tuple[AxisColumns, ...]  # Of each flight and axis

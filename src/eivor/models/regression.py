@@ -22,7 +22,7 @@ from eivor.errors import (
 )
 from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.signals.signals import Signals
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 PerRow = Float[np.ndarray, " rows"]
 
@@ -99,14 +99,16 @@ def lags(channel: str, first: int, last: int) -> tuple[Column, ...]:
     return tuple(Column(channel, lag) for lag in range(first, last + 1))
 
 
-class Parameter(Frozen):
+@dataclass(frozen=True, slots=True)
+class Parameter:
     """One unknown."""
 
     name: str  # Term of the field, as used in results ("viscous_friction")
     unit: str = ""  # SI; empty for a pure number
 
 
-class Equation(Frozen):
+@dataclass(frozen=True, slots=True)
+class Equation:
     """``response = sum of parameter * column + error``."""
 
     response: Column
@@ -130,7 +132,8 @@ class RowLayout(ABC):
         """Products of test functions and residual by sample; their sum is ``test.T @ residual``."""
 
 
-class SampleRows(RowLayout, Frozen):
+@dataclass(frozen=True, slots=True)
+class SampleRows(RowLayout):
     """Rows are time samples of one axis, in their order."""
 
     flight_of_row: Int[np.ndarray, " rows"]
@@ -143,7 +146,8 @@ class SampleRows(RowLayout, Frozen):
         return test * residual[:, None]
 
 
-class AxisRows(RowLayout, Frozen):
+@dataclass(frozen=True, slots=True)
+class AxisRows(RowLayout):
     """Rows are time samples of several axes."""
 
     flight_of_row: Int[np.ndarray, " rows"]
@@ -165,7 +169,8 @@ LARGEST_VARIANCE = 1e150
 ONE_FLIGHT = SampleRows(np.zeros(0, dtype=np.int64))
 
 
-class RowBlock(Frozen):
+@dataclass(frozen=True, slots=True)
+class RowBlock:
     """Successive rows of a problem. Performs no checks."""
 
     response: PerRow

@@ -15,7 +15,7 @@ from eivor.models.regression import LinearProblem, Parameter, Regression
 from eivor.models.spectral import SpectralRegression
 from eivor.signals.filters import first_order_lag
 from eivor.signals.signals import Signals
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 #: Successive first-order lags of each reference: how many, and their time constant [s].
 REFERENCE_LAGS = {
@@ -42,7 +42,8 @@ class InstrumentRule(ABC):
         """Columns on the grid of one flight; its command, neither lagged nor delayed, is upwards."""
 
 
-class LaggedReferences(InstrumentRule, Frozen):
+@dataclass(frozen=True, slots=True)
+class LaggedReferences(InstrumentRule):
     """Each reference and successive first-order lags of it."""
 
     channels: tuple[str, ...]  # References to use, all present in the signals
@@ -63,7 +64,8 @@ class LaggedReferences(InstrumentRule, Frozen):
         return np.array(results).reshape(-1, signals.sample_count).T  # each column in one piece
 
 
-class LaggedInputs(InstrumentRule, Frozen):
+@dataclass(frozen=True, slots=True)
+class LaggedInputs(InstrumentRule):
     """Past mapped commands, the paper's (21): u(k - first) ... u(k - last)."""
 
     first: int = 1
@@ -80,7 +82,8 @@ class LaggedInputs(InstrumentRule, Frozen):
         return np.column_stack([known[self.last - lag :][: command.size] for lag in lags])
 
 
-class NoInstruments(InstrumentRule, Frozen):
+@dataclass(frozen=True, slots=True)
+class NoInstruments(InstrumentRule):
     """For direct methods."""
 
     label = "none"
@@ -236,7 +239,8 @@ class Nuisance:
         return (above - below) / (high - low)
 
 
-class SampledState(Frozen):
+@dataclass(frozen=True, slots=True)
+class SampledState:
     """A state whose derivative was measured as well, so that bins have two candidates for one response."""
 
     index: int
@@ -245,7 +249,8 @@ class SampledState(Frozen):
     driven_density: Float[np.ndarray, " n"]
 
 
-class WarmStart(Frozen):
+@dataclass(frozen=True, slots=True)
+class WarmStart:
     """An estimate of nearly the same columns, whose residuals determine the weights of rows."""
 
     theta: Float[np.ndarray, " n"]
@@ -328,7 +333,8 @@ class SeparableProblem(ABC):
         return {nuisance.name: nuisance.first for nuisance in self.nuisances}
 
 
-class GivenBins(SeparableProblem, Frozen):
+@dataclass(frozen=True)
+class GivenBins(SeparableProblem):
     """Rows in frequency that no nuisance moves."""
 
     given: SpectralRegression

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from eivor.models.regression import Parameter, Regression, RowLayout, noise_of_surrogate
-from eivor.tools import Bool, Complex, Float, Frozen, Int
+from eivor.tools import Bool, Complex, Float, Int
 
 PerBin = Float[np.ndarray, " bins"]
 
@@ -29,7 +29,8 @@ SMOOTHING_SHARE = 0.3
 SMOOTHING_BINS = 10
 
 
-class SpectralRun(Frozen):
+@dataclass(frozen=True)
+class SpectralRun:
     """One run of one axis, and its place among the bins."""
 
     flight: int
@@ -187,7 +188,8 @@ def densities(
     return np.array(results)
 
 
-class BinRows(RowLayout, Frozen):
+@dataclass(frozen=True)
+class BinRows(RowLayout):
     """Rows are, run after run, the real parts and then the imaginary parts of the bins kept."""
 
     runs: tuple[SpectralRun, ...]
@@ -248,7 +250,8 @@ class BinRows(RowLayout, Frozen):
         return np.concatenate(parts) if len(parts) > 1 else parts[0]
 
 
-class SpectralRegression(Frozen):
+@dataclass(frozen=True)
+class SpectralRegression:
     """Columns of all runs, bin by bin, before whitening."""
 
     responses: Complex[np.ndarray, "bins r"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -22,7 +22,7 @@ from eivor.models.frequency_response import (
     python_control,
 )
 from eivor.signals.signals import stretches
-from eivor.tools import Complex, Float, Frozen
+from eivor.tools import Complex, Float
 
 Vector = Float[np.ndarray, " n"]
 
@@ -90,7 +90,8 @@ def _responses(value: Mapping[str, Any], s: Spectrum, known: Spectrum) -> Comple
     return np.asarray(value["gain"] * (np.exp(-value["delay"] * s) * known / (slow * lagged * later)))
 
 
-class _Criterion(Frozen):
+@dataclass(frozen=True)
+class _Criterion:
     """Limited-information likelihood of points: sum |a - G b|^2 / var(e_y - G e_u)."""
 
     points: Points
@@ -169,7 +170,8 @@ class _Criterion(Frozen):
         return theta, value
 
 
-class _Minimum(Frozen):
+@dataclass(frozen=True)
+class _Minimum:
     """Where the criterion of one order is least, and what that says of the parameters."""
 
     criterion: _Criterion
@@ -286,7 +288,8 @@ class _Minimum(Frozen):
         return np.vstack([best, drawn[inside][values[inside] <= self.limit(level)]])
 
 
-class TransferFunction(Frozen):
+@dataclass(frozen=True)
+class TransferFunction:
     """A model of one order: gain e^(-delay s) / ((s + damping)(1 + first s + second s^2)(1 + third s))."""
 
     order: int  # Number of poles, without those of the filter that is known
@@ -348,7 +351,8 @@ class TransferFunction(Frozen):
         return control.ss(model)
 
 
-class TransferFunctions(Frozen):
+@dataclass(frozen=True)
+class TransferFunctions:
     """Models of several orders, and what all that the data allow have in common."""
 
     by_order: Mapping[int, TransferFunction]  # In order
@@ -535,7 +539,8 @@ def _search(
     return min(fits, key=lambda pair: pair[1])
 
 
-class Margins(Frozen):
+@dataclass(frozen=True)
+class Margins:
     """Margins of a loop; NaN where it does not cross."""
 
     crossover_hz: float  # Where the broken-loop response falls below one
@@ -547,7 +552,8 @@ class Margins(Frozen):
     disturbance_bandwidth_hz: float  # Where the sensitivity 1 / (1 + L) rises above -3 dB
 
 
-class Controller(Frozen):
+@dataclass(frozen=True)
+class Controller:
     """A proportional and integral controller of a rate, and what its loop reaches."""
 
     name: str  # How it was found

@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -25,7 +25,6 @@ from eivor.motions.machine import Activity, Derived, Machine, MachineChannel
 from eivor.signals.channels import BUILT_IN, canonical_channel, declare_channels
 from eivor.signals.recording import DataSheet
 from eivor.strict_toml import Text, TomlFiles, TomlTable
-from eivor.tools import Frozen
 
 # -- Structures of the file --
 
@@ -243,7 +242,8 @@ def _plain(value: Any) -> Any:
 # -- Reading --
 
 
-class _Names(Frozen):
+@dataclass(frozen=True)
+class _Names:
     top: TomlTable
     channels: Mapping[str, MachineChannel]
     units: Mapping[str, Unit]  # Of channels, then of names

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import TypeVar
 
@@ -25,10 +25,11 @@ from eivor.models.spectral import SpectralRun, densities
 from eivor.signals.channels import family_members
 from eivor.signals.filters import actuator_state, shifted_by, time_derivative
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Float, Frozen
+from eivor.tools import Bool, Float
 
 
-class Term(Frozen):
+@dataclass(frozen=True)
+class Term:
     """A parameter times an expression over channels, such as ``-speed`` or ``sign(speed)``."""
 
     name: str
@@ -63,7 +64,8 @@ class Term(Frozen):
         return not (self.behind or self.is_intercept)
 
 
-class Mirror(Frozen):
+@dataclass(frozen=True)
+class Mirror:
     """A curve of a term, with derivatives of a reference in place of the states."""
 
     reference: str
@@ -82,7 +84,8 @@ class Mirror(Frozen):
             yield evaluated(parsed(self.of), signals, given)
 
 
-class AxisEquation(Frozen):
+@dataclass(frozen=True)
+class AxisEquation:
     """Equation of one axis: response = sum of terms + an intercept for each run."""
 
     name: str  # In words
@@ -166,7 +169,8 @@ class AxisEquation(Frozen):
         return np.array(columns).T
 
 
-class Driven(Frozen):
+@dataclass(frozen=True)
+class Driven:
     """Columns of the terms of an equation behind the actuators, at a lag and a delay."""
 
     axis: AxisEquation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -35,7 +35,7 @@ from eivor.signals.channels import CanonicalChannel
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Complex, Float, Frozen, capitalised
+from eivor.tools import Bool, Complex, Float, capitalised
 
 # -- Parts of a declaration --
 
@@ -61,7 +61,8 @@ NYQUIST_SHARE = 0.5
 ANSWER_LAGS_S, ANSWERS_BELOW = (0.06, 0.25, 1.0, 4.0), 1e-4
 
 
-class MachineChannel(Frozen):
+@dataclass(frozen=True, slots=True)
+class MachineChannel:
     """A channel of a machine."""
 
     name: str
@@ -80,7 +81,8 @@ class MachineChannel(Frozen):
         return CanonicalChannel(self.name, self.unit, held=self.held, free_unit=free, exogenous=clean)
 
 
-class Derived(Frozen):
+@dataclass(frozen=True, slots=True)
+class Derived:
     """A quantity that follows from parameters."""
 
     name: str
@@ -109,7 +111,8 @@ class Derived(Frozen):
         return QuantityEstimate(made.value, self.unit, made.std_error, made.interval)
 
 
-class Activity(Frozen):
+@dataclass(frozen=True)
+class Activity:
     """Which samples count."""
 
     when: str = ""  # A condition over channels; empty for none
@@ -165,7 +168,8 @@ def _by_order(expression: Expression) -> Expression:
     return replace(expression, steps=tuple(steps))
 
 
-class SolvedEquation(Frozen):
+@dataclass(frozen=True)
+class SolvedEquation:
     """Equation of one axis with numbers: what its highest derivative is."""
 
     response: Expression
@@ -214,7 +218,8 @@ def _refuse_missing(what: str, names: list[str], given: Mapping[str, Any]) -> No
     checks.require(not missing, f"{what} of {', '.join(names)}", f"none of {', '.join(missing)}")
 
 
-class Machine(DeclaredMotion[LaggedRuns], Frozen):
+@dataclass(frozen=True)
+class Machine(DeclaredMotion[LaggedRuns]):
     """A motion that is declared, see `eivor.machine`."""
 
     name: str
@@ -619,6 +624,7 @@ STANDSTILL = verdict.Rule(
 )
 
 
+@dataclass(frozen=True, slots=True)
 class MachineChecks(verdict.MotionChecks):
     """P-values of the test that a reference answers what disturbs the machine."""
 

@@ -26,13 +26,14 @@ from eivor.planning.vehicle import KINDS, STEP_S, TARGETS, FlightLimits, Shape, 
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
 from eivor.simulation import vertical
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: Error of a logged height [m].
 POSITION_NOISE = 0.01
 
 
-class ClosedLoopFlight(Frozen):
+@dataclass(frozen=True)
+class ClosedLoopFlight:
     """A shape, flown once."""
 
     shape: Shape
@@ -164,7 +165,8 @@ LONG_S = 150.0
 SMALLER, OFTEN = 0.85, 4
 
 
-class ExpectedWidth(Frozen):
+@dataclass(frozen=True, slots=True)
+class ExpectedWidth:
     """Half-width of a 95 % interval that a flight or a record is expected to give."""
 
     words: str
@@ -351,7 +353,8 @@ BEYOND = 1.75
 ALL = "all"
 
 
-class MachinePlan(Frozen):
+@dataclass(frozen=True)
+class MachinePlan:
     """References of a machine, and what they are expected to identify."""
 
     machine: Machine
@@ -611,7 +614,8 @@ def rotorpy_text(plan: FlightPlan) -> str:
     return _program("trajectory.txt", numbers)
 
 
-class WrittenPlan(Frozen):
+@dataclass(frozen=True, slots=True)
+class WrittenPlan:
     """A kind of file."""
 
     words: str

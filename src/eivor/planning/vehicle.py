@@ -18,7 +18,7 @@ from eivor.inference.verdict import Status
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import GRAVITY
 from eivor.simulation.vertical import AltitudeController
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,8 @@ HOVER_S, FADE_S = 2.0, 3.0
 SMOOTHINGS = 4
 
 
-class Shape(Frozen):
+@dataclass(frozen=True)
+class Shape:
     """What a flight does, by the numbers that it was drawn with."""
 
     kind: str  # "multisine" or "steps"
@@ -156,7 +157,8 @@ def _steps(count: int, hold_s: float, smoothing_s: float, rng: np.random.Generat
     return Shape("steps", words, series)
 
 
-class ExportTarget(Frozen):
+@dataclass(frozen=True, slots=True)
+class ExportTarget:
     """A quantity of the vertical motion."""
 
     quantity: str
@@ -184,7 +186,8 @@ USUAL = {"viscous_friction": (0.15, 0.9), "lag_s": (0.015, 0.12), "quadratic_sha
 STRIDES = {"viscous_friction": 0.8192, "lag_s": 0.6710, "quadratic_share": 0.5497}
 
 
-class Densities(Frozen):
+@dataclass(frozen=True)
+class Densities:
     """One-sided densities over frequency of what no model predicts, straight lines in logarithms."""
 
     frequency_hz: Float[np.ndarray, " n"]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, TypeAlias
 
 from eivor.flights.quantity import Quantity, QuantitySpec
 from eivor.inference.verdict import Status
-from eivor.tools import Frozen
 
 
 def shortened(text: str, most: int = 48) -> str:
@@ -25,7 +25,8 @@ class Tone(Enum):
     WARNING = "warning"
 
 
-class Bullets(Frozen):
+@dataclass(frozen=True, slots=True)
+class Bullets:
     """Sentences, one below the other."""
 
     sentences: tuple[str, ...]
@@ -37,13 +38,15 @@ def bullets(sentences: Iterable[str]) -> tuple[Bullets, ...]:
     return (Bullets(there),) if there else ()
 
 
-class Facts(Frozen):
+@dataclass(frozen=True, slots=True)
+class Facts:
     """Texts with their labels, one below the other."""
 
     facts: tuple[tuple[str, str | Bullets], ...]
 
 
-class TableColumn(Frozen):
+@dataclass(frozen=True, slots=True)
+class TableColumn:
     """A column of a table."""
 
     title: str  # May be empty
@@ -53,7 +56,8 @@ class TableColumn(Frozen):
     below: Tone = Tone.PLAIN
 
 
-class Cell(Frozen):
+@dataclass(frozen=True, slots=True)
+class Cell:
     """A cell of a table."""
 
     text: str  # The first line
@@ -62,7 +66,8 @@ class Cell(Frozen):
     link: str = ""
 
 
-class TableOf(Frozen):
+@dataclass(frozen=True, slots=True)
+class TableOf:
     """Rows of cells under columns."""
 
     columns: tuple[TableColumn, ...]
@@ -85,7 +90,8 @@ class Look(Enum):
     CONTRADICTED = "contradicted"
 
 
-class Statement(Frozen):
+@dataclass(frozen=True, slots=True)
+class Statement:
     """A verdict, in a line of its own."""
 
     text: str
@@ -93,13 +99,15 @@ class Statement(Frozen):
     more: str = ""
 
 
-class Figure(Frozen):
+@dataclass(frozen=True, slots=True)
+class Figure:
     """A place for a figure; a medium that has none leaves it out."""
 
     name: str
 
 
-class CardLine(Frozen):
+@dataclass(frozen=True, slots=True)
+class CardLine:
     """A quantity with its number, or quantities with the reason why they have none."""
 
     words: str
@@ -117,7 +125,8 @@ class CardLine(Frozen):
         return f"{self.text} {self.interval} {self.unit}".rstrip()
 
 
-class CardGroup(Frozen):
+@dataclass(frozen=True, slots=True)
+class CardGroup:
     """Lines of one look."""
 
     look: Look
@@ -125,7 +134,8 @@ class CardGroup(Frozen):
     lines: tuple[CardLine, ...]
 
 
-class Card(Frozen):
+@dataclass(frozen=True, slots=True)
+class Card:
     """What comes first: the most useful number, and what else is and is not identified."""
 
     title: str
@@ -136,7 +146,8 @@ class Card(Frozen):
 Part: TypeAlias = Facts | TableOf | Bullets | Statement | Figure
 
 
-class Section(Frozen):
+@dataclass(frozen=True, slots=True)
+class Section:
     """Parts under a heading."""
 
     heading: str  # May be empty
@@ -150,7 +161,8 @@ def section(heading: str, part: type[Bullets] | type[Facts], record: Iterable[An
         yield Section(heading, (part(result),))
 
 
-class Document(Frozen):
+@dataclass(frozen=True, slots=True)
+class Document:
     """What is identified, from its card to its details."""
 
     title: str
@@ -169,7 +181,8 @@ PLAIN_RANGE = (1e-3, 1e6)
 BOUND = "bound"
 
 
-class QuantityRow(Frozen):
+@dataclass(frozen=True, slots=True)
+class QuantityRow:
     """A quantity of a result with its words: a row of every screen, page and JSON document."""
 
     name: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -19,7 +19,7 @@ from eivor.inference.regions import Ellipse
 from eivor.inference.verdict import Status
 from eivor.motions.table import wording_of
 from eivor.report.document import TableOf, shortened
-from eivor.tools import Float, Frozen, printable
+from eivor.tools import Float, printable
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -144,7 +144,8 @@ def legend(
 HEIGHT_INCHES, FOREST_ROW_INCHES, FOREST_FOOT_INCHES = 2.7, 0.4, 0.55
 
 
-class Line(Frozen):
+@dataclass(frozen=True)
+class Line:
     """One series over time."""
 
     label: str
@@ -152,7 +153,8 @@ class Line(Frozen):
     values: Float[np.ndarray, " n"]  # Not a number where there is none
 
 
-class Chart(Frozen):
+@dataclass(frozen=True)
+class Chart:
     """Series over one time, to zoom into; between two of the look "edge" is a band."""
 
     group: str
@@ -165,7 +167,8 @@ class Chart(Frozen):
     over_frequency: bool = False  # Times are decadic logarithms of even steps of frequencies [Hz]
 
 
-class Picture(Frozen):
+@dataclass(frozen=True, slots=True)
+class Picture:
     """A plot with its title, its words and its numbers: a panel of a figure, or a picture of a page."""
 
     title: str
@@ -221,7 +224,8 @@ MARGIN = 0.12
 CLOUD = 4000
 
 
-class PlottedInterval(Frozen):
+@dataclass(frozen=True, slots=True)
+class PlottedInterval:
     """One row of a panel, or of a forest."""
 
     label: str  # Estimate, flight or kind of interval

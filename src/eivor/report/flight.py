@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import groupby
 from math import isfinite
 from typing import Any
@@ -30,7 +30,7 @@ from eivor.report.document import Card, CardGroup, CardLine, Look
 from eivor.signals.channels import common_side
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
-from eivor.tools import Bool, Float, Frozen, capitalised
+from eivor.tools import Bool, Float, capitalised
 
 #: Causes that other movements mend.
 MOVE = (Cause.ZERO, Cause.WIDE, Cause.EXCITATION)
@@ -49,7 +49,8 @@ DAMAGE = ("corrupt_parts", "checksum", "overflow")
 LEFT_OUT = "What is damaged is left out: copy the log again, or mend its logger."
 
 
-class CardEntry(Frozen):
+@dataclass(frozen=True, slots=True)
+class CardEntry:
     """A quantity of a result that the card has."""
 
     result: FlightEstimate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, cycle
 
@@ -20,7 +20,7 @@ from eivor.models.spectral import BinRows, SpectralRun
 from eivor.report import figure_panels as plots
 from eivor.report.document import NO_NUMBER, QuantityRow, axis_of, number_table, plain_numbers, shortened
 from eivor.report.figure_panels import Axes, Figure
-from eivor.tools import Float, Frozen, capitalised, printable
+from eivor.tools import Float, capitalised, printable
 
 #: Lags of the autocorrelation: so many samples at twice the band's highest frequency.
 AUTOCORRELATION_LAGS = 30
@@ -30,7 +30,8 @@ SEGMENT_S = 10.0
 LEAST_AMPLITUDE = 1e-6
 
 
-class FlightRun(Frozen):
+@dataclass(frozen=True)
+class FlightRun:
     """One run of the time rows."""
 
     flight: int  # Number of its flight among all that were prepared

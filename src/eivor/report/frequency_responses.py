@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -28,7 +28,7 @@ from eivor.report.document import Bullets, Document, Facts, Section, TableColumn
 from eivor.report.figure_panels import Axes, Figure
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Recording
-from eivor.tools import Complex, Float, Frozen, printable
+from eivor.tools import Complex, Float, printable
 
 #: Numbers over frequency.
 Values: TypeAlias = Float[np.ndarray, " f"]
@@ -45,7 +45,8 @@ UNLIKELY = 1e-3
 ROWS = 14
 
 
-class LogResponse(Frozen):
+@dataclass(frozen=True)
+class LogResponse:
     """Response of one axis of one log, or of several flights together."""
 
     name: str  # Of the log
@@ -60,7 +61,8 @@ class LogResponse(Frozen):
     findings: tuple[str, ...] = ()
 
 
-class ResponsePath(Frozen):
+@dataclass(frozen=True)
+class ResponsePath:
     """From what to what the response of an axis is, and what may be its reference."""
 
     motion: Motion[Any]  # That selects the channels
@@ -470,7 +472,8 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-class Curves(Frozen):
+@dataclass(frozen=True, slots=True)
+class Curves:
     """What is drawn over frequency in files and on pages; NaN where nothing is known."""
 
     kind: str

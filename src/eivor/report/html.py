@@ -7,6 +7,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING
@@ -16,7 +17,7 @@ from markupsafe import Markup
 from eivor.inference.verdict import Status
 from eivor.report.document import Look
 from eivor.strict_toml import package_tables
-from eivor.tools import Frozen, printable
+from eivor.tools import printable
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -80,7 +81,8 @@ def asset(name: str) -> str:
 UNSAFE = str.maketrans({"<": "\\u003c", ">": "\\u003e", "&": "\\u0026"})
 
 
-class Sources(Frozen):
+@dataclass(frozen=True, slots=True)
+class Sources:
     """What a page is made of beside its body."""
 
     style: str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,7 +23,7 @@ from eivor.report import document as doc
 from eivor.report import flight as report
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Channel, Finding, MadeChannels, Recording
-from eivor.tools import Frozen, capitalised
+from eivor.tools import capitalised
 
 #: Of a log that does not fit into memory, in which more was flown, `identify` is tried on so much [s].
 TRIED_WHOLE_S, TRIED_S = 600.0, 180.0
@@ -31,7 +31,8 @@ TRIED_WHOLE_S, TRIED_S = 600.0, 180.0
 Stretches = tuple[tuple[float, float], ...]
 
 
-class ChannelSummary(Frozen):
+@dataclass(frozen=True, slots=True)
+class ChannelSummary:
     """One channel in numbers."""
 
     channel: Channel
@@ -40,7 +41,8 @@ class ChannelSummary(Frozen):
     gaps: tuple[tuple[float, float], ...]  # Intervals without a sample [s]
 
 
-class Inspection(Frozen):
+@dataclass(frozen=True)
+class Inspection:
     """A log, and what `identify` makes of it, or why it cannot begin."""
 
     result: FlightEstimate | None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.padding import Padding
@@ -12,7 +13,7 @@ from rich.text import Text
 
 from eivor.inference.verdict import Status
 from eivor.report import document as doc
-from eivor.tools import Frozen, printable
+from eivor.tools import printable
 
 #: By the values of `Status` and of `Look`.
 COLOURS = {
@@ -49,7 +50,8 @@ def _document(document: doc.Document) -> Iterator[RenderableType]:
         yield from _section(section)
 
 
-class CardText(Frozen):
+@dataclass(frozen=True, slots=True)
+class CardText:
     """A card whose numbers stand below their words where an interval would break beside them."""
 
     card: doc.Card
@@ -140,7 +142,8 @@ def _facts(part: doc.Facts) -> Table:
     return grid
 
 
-class FoldingTable(Frozen):
+@dataclass(frozen=True, slots=True)
+class FoldingTable:
     """A table whose columns become lines below the first one where numbers would break side by side."""
 
     table: doc.TableOf

@@ -34,7 +34,7 @@ from eivor.report.json_document import JsonPrediction, document, json_text, pred
 from eivor.report.outputs import saved_of
 from eivor.report.saved_fit import SavedFit
 from eivor.signals.recording import Recording
-from eivor.tools import Float, Frozen, html_table, printable
+from eivor.tools import Float, html_table, printable
 
 #: Level at which a flight contradicts a fit, over all quantities.
 CONTRADICTION_LEVEL = 0.05
@@ -43,7 +43,8 @@ PREDICTED = ("model", "horizon", "quantity", "unit", "rms", "explained")
 COMPARED = {Status.IDENTIFIED, Status.WEAK}  # A number without instruments or excitation is none to compare
 
 
-class QuantityComparison(Frozen):
+@dataclass(frozen=True, slots=True)
+class QuantityComparison:
     """A quantity of a fit, and of the flight that is predicted alone."""
 
     fit: doc.QuantityRow
@@ -85,7 +86,8 @@ def _summed(quantities: Mapping[str, Quantity], name: str) -> Quantity:
     return replace(quantity, value=value, interval=(low + shift, high + shift))
 
 
-class ModelPrediction(Frozen):
+@dataclass(frozen=True)
+class ModelPrediction:
     """One measured quantity as one model predicts it."""
 
     model: str

@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import partial
 from http import HTTPStatus
 from importlib import resources
@@ -41,7 +41,6 @@ from eivor.process_pool import Limits
 from eivor.report.html import SHAPES, Sources, asset, rendered, report_sources, whole_page
 from eivor.serve import jobs
 from eivor.serve.requests import RefusedError, parse_job, refusal, sent_files
-from eivor.tools import Frozen
 
 #: The only address, and the header with the token.
 ADDRESS, TOKEN = "127.0.0.1", "X-Eivor-Token"
@@ -97,7 +96,8 @@ def page_sources() -> Sources:
     return Sources(style, script, (report_sources(),), ("connect-src 'self'", "frame-src blob:"))
 
 
-class ServeOptions(Frozen):
+@dataclass(frozen=True, slots=True)
+class ServeOptions:
     """Resources of a server."""
 
     port: int = 0  # zero for any that is free

@@ -20,13 +20,13 @@ from urllib.parse import unquote
 from eivor.atomic_file import atomic_write
 from eivor.process_pool import BEGIN_S, AbandonedError, LimitError, Limits, ProgressCallback, WorkerProcess
 from eivor.serve.requests import JobRequest, RefusedError, absent
-from eivor.tools import Frozen
 
 #: Files of a result in the folder of its job.
 RESULT, REPORT = "result.json", "report.html"
 
 
-class KeptLog(Frozen):
+@dataclass(frozen=True, slots=True)
+class KeptLog:
     """A log on the disk."""
 
     path: Path  # where it is; its name there says nothing
@@ -34,14 +34,16 @@ class KeptLog(Frozen):
     size: int  # bytes
 
 
-class Task(Frozen):
+@dataclass(frozen=True, slots=True)
+class Task:
     """Work for a process: the name of a function of `eivor.serve.worker`, and its arguments."""
 
     name: str
     given: Mapping[str, Any] = field(default_factory=dict)
 
 
-class File(Frozen):
+@dataclass(frozen=True, slots=True)
+class File:
     """A file that is sent."""
 
     name: str  # what it is called

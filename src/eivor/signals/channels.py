@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from enum import Enum
 from types import MappingProxyType
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.strict_toml import package_tables
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 
 def roll_pitch_yaw(quaternions: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "3 n"]:
@@ -45,7 +46,8 @@ def common_side(sides: Iterable[CurveSide]) -> CurveSide:
     return result.pop() if len(result) == 1 else CurveSide.UNKNOWN
 
 
-class CanonicalChannel(Frozen):
+@dataclass(frozen=True, slots=True)
+class CanonicalChannel:
     """A channel that a log may hold; a name that cannot be one raises `UsageError`."""
 
     name: str  # Small letters, digits and `_`; a last `_*` stands for a rotor's number (1, 2, ...)

@@ -12,7 +12,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import NonFiniteError, ParameterError, ShapeError, TooFewSamplesError
-from eivor.tools import Complex, Float, Frozen
+from eivor.tools import Complex, Float
 
 #: Longest record whose weights' spectrum is kept for the next one: studies draw many of one length.
 KEPT = 1 << 16
@@ -303,7 +303,8 @@ CONVERGED = 1e-14
 MOST_STEPS, TINY = 100, sys.float_info.min
 
 
-class LongMemory(Frozen):
+@dataclass(frozen=True, slots=True)
+class LongMemory:
     """Estimate of a fractional noise."""
 
     order: float  # Exponent of Delta

@@ -17,10 +17,11 @@ from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError, did_you_mean
 from eivor.signals.channels import CurveSide, family_members
 from eivor.signals.filters import evened
-from eivor.tools import Bool, Float, Frozen, html_table
+from eivor.tools import Bool, Float, html_table
 
 
-class DataSheet(Frozen):
+@dataclass(frozen=True, slots=True)
+class DataSheet:
     """White noise and rounding of a sensor, as a data sheet determines them."""
 
     density: float = 0.0  # Noise density, in the channel's unit per square root of a hertz
@@ -49,7 +50,8 @@ class DataSheet(Frozen):
 EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
 
 
-class LogOrigin(Frozen):
+@dataclass(frozen=True, slots=True)
+class LogOrigin:
     """What a log says of the machine that wrote it; empty where it says nothing."""
 
     board: str = ""  # Unique id of the board
@@ -94,14 +96,16 @@ class Frame(Enum):
     NED = "z down (world north-east-down, body forward-right-down)"
 
 
-class Finding(Frozen):
+@dataclass(frozen=True, slots=True)
+class Finding:
     """A named diagnostic: something about the data that a reader of the result should know."""
 
     name: str
     message: str
 
 
-class ChannelQuality(Frozen):
+@dataclass(frozen=True, slots=True)
+class ChannelQuality:
     """What had to be set right, or was found wrong, while a channel was read. Counts of samples."""
 
     duplicated_stamps: int = 0
@@ -112,7 +116,8 @@ class ChannelQuality(Frozen):
     evened_stamps: int = 0
 
 
-class Channel(Frozen):
+@dataclass(frozen=True, slots=True)
+class Channel:
     """One quantity as logged, on its own clock."""
 
     name: str  # Canonical name, see `eivor.signals.channels`

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
 from eivor.errors import UsageError, did_you_mean
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 
-class Power(Frozen):
+@dataclass(frozen=True, slots=True)
+class Power:
     """``state ** exponent``, sign kept: 1 for thrust commands, 2 for rotor speeds."""
 
     exponent: float = 1.0
@@ -42,7 +44,8 @@ class Power(Frozen):
         return float(self.exponent * np.abs(state) ** (self.exponent - 1.0))
 
 
-class Mixed(Frozen):
+@dataclass(frozen=True, slots=True)
+class Mixed:
     """``(1 - share) state + share state**2``: PX4's thrust curve, share = THR_MDL_FAC."""
 
     share: float  # Between 0 and 1

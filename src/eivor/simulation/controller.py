@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from eivor.motions.rigid_body.dynamics import Components, Triple, Value
 from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.recording import GRAVITY
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 #: No loop is quicker than this, however quick the rotors are [1/s].
 LARGEST_RATE_GAIN, LARGEST_ATTITUDE_GAIN, LARGEST_CLIMB_GAIN = 40.0, 12.0, 5.0
@@ -39,7 +39,8 @@ LEAST_COSINE = 0.5
 HOLD_DAMPING, MOST_HOLDING_TILT = 3.0, 0.3
 
 
-class FlightController(Frozen):
+@dataclass(frozen=True, slots=True)
+class FlightController:
     """Rates and quickness of the loops.
 
     Quickness is relative to the vehicle: T is the sum of the rotors' lag and delay, the delays of gyroscope
@@ -62,7 +63,8 @@ class FlightController(Frozen):
         checks.in_ranges(self, "Correct the controller.")
 
 
-class Gains(Frozen):
+@dataclass(frozen=True, slots=True)
+class Gains:
     """Numbers of the loops, of one flight or of several."""
 
     rate: tuple[Value, ...]
@@ -202,7 +204,8 @@ class Cascade:
         return self._derivative
 
 
-class Mixer(Frozen):
+@dataclass(frozen=True, slots=True)
+class Mixer:
     """From normalised thrust and torques to the rotors' commands."""
 
     shares: tuple[tuple[Value, Value, Value, Value], ...]
@@ -290,7 +293,8 @@ Readings = Float[np.ndarray, "count axes"]
 LARGEST_JITTER = 0.45
 
 
-class Sensor(Frozen):
+@dataclass(frozen=True, slots=True)
+class Sensor:
     """How a quantity is measured, alike on each axis."""
 
     # Of the readings, before the filter

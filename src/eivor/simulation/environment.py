@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import version
 from typing import Annotated, Generic, NamedTuple, TypeAlias, TypeVar
@@ -13,7 +14,7 @@ from eivor import checks
 from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.noise import fractional_difference, fractional_weights
 from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 Series = Float[np.ndarray, " n"]
 
@@ -35,7 +36,8 @@ ORDERS = {"acceleration": -0.5, "velocity": -0.4}
 Errors: TypeAlias = dict[str, Float[np.ndarray, "n axes"]]
 
 
-class SensorNoise(Frozen):
+@dataclass(frozen=True, slots=True)
+class SensorNoise:
     """Noise of what the controller sees and the log holds, alike on each axis.
 
     Every level is the standard deviation over the whole record. That also holds for fractional noise, whose
@@ -208,7 +210,8 @@ _SHAPES: Mapping[TrajectoryKind, Callable[[Series, float, np.random.Generator], 
 Truth = TypeVar("Truth")
 
 
-class SimulatedFlight(Generic[Truth], Frozen):
+@dataclass(frozen=True, slots=True)
+class SimulatedFlight(Generic[Truth]):
     """A recording as a log would hold it, and the truth behind it."""
 
     recording: Recording  # Noisy channels, frame z up
@@ -220,7 +223,8 @@ class SimulatedFlight(Generic[Truth], Frozen):
 SCHEMA = "eivor.simulate/1"
 
 
-class KnownLog(Frozen):
+@dataclass(frozen=True)
+class KnownLog:
     """A log and what is true of it."""
 
     recording: Recording

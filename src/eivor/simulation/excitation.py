@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import field
+from dataclasses import dataclass
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -11,7 +11,7 @@ import scipy
 
 from eivor.checks import finite, given, in_ranges, non_negative, positive, require
 from eivor.errors import ParameterError
-from eivor.tools import Bool, Float, Frozen
+from eivor.tools import Bool, Float
 
 
 def at_least(name: str, value: int, least: int) -> None:
@@ -44,7 +44,8 @@ class Excitation(ABC):
         """One realisation on a grid of that step [s]."""
 
 
-class PaperInput(Excitation, Frozen):
+@dataclass(frozen=True, slots=True)
+class PaperInput(Excitation):
     """The paper's (35): u(t_k) = 0.7 w(t_{k-1}) + 0.49 w(t_{k-2}) + sin(0.1 t_k^1.1), t in seconds."""
 
     variance: Size = 0.02  # Variance of the white sequence w
@@ -55,7 +56,8 @@ class PaperInput(Excitation, Frozen):
         return 0.7 * w[1:-1] + 0.49 * w[:-2] + np.sin(0.1 * t**1.1)
 
 
-class WhiteExcitation(Excitation, Frozen):
+@dataclass(frozen=True, slots=True)
+class WhiteExcitation(Excitation):
     """Independent normal values."""
 
     std: Size = 1.0  # Standard deviation
@@ -64,7 +66,8 @@ class WhiteExcitation(Excitation, Frozen):
         return self.std * rng.standard_normal(count)
 
 
-class SteppedExcitation(Excitation, Frozen):
+@dataclass(frozen=True, slots=True)
+class SteppedExcitation(Excitation):
     """Levels that are held one after the other, over and over."""
 
     levels: Annotated[tuple[float, ...], given, (finite, "level")]  # In the order in which they come
@@ -76,7 +79,8 @@ class SteppedExcitation(Excitation, Frozen):
         return np.array(self.levels)[number % len(self.levels)]
 
 
-class RandomSteps(Excitation, Frozen):
+@dataclass(frozen=True, slots=True)
+class RandomSteps(Excitation):
     """Levels drawn one after the other: an amplitude up, down, or nothing."""
 
     amplitude: Size  # Of the levels that are not zero; those are two in three
@@ -96,7 +100,8 @@ class RandomSteps(Excitation, Frozen):
         return levels[np.searchsorted(ends, step_s * np.arange(count), side="right")]
 
 
-class GivenSeries(Excitation, Frozen):
+@dataclass(frozen=True, slots=True)
+class GivenSeries(Excitation):
     """A user's own series, from its beginning."""
 
     # At the rate of the record, at least as many as it has samples
@@ -109,7 +114,8 @@ class GivenSeries(Excitation, Frozen):
         return np.array(self.values[:count])
 
 
-class ScaledExcitation(Excitation, Frozen):
+@dataclass(frozen=True, slots=True)
+class ScaledExcitation(Excitation):
     """Another excitation, scaled to a standard deviation that each realisation has exactly."""
 
     series: Excitation  # Its shape
@@ -134,7 +140,8 @@ class _Band(Excitation):
         require(self.low_hz <= self.high_hz, "a low_hz up to high_hz", received)
 
 
-class FilteredWhite(_Band, Frozen):
+@dataclass(frozen=True, slots=True)
+class FilteredWhite(_Band):
     """White noise with nothing outside a band, to rounding.
 
     Filtered in the frequency domain: the series is periodic with the record. Mean zero.
@@ -153,7 +160,8 @@ class FilteredWhite(_Band, Frozen):
         return self.std * np.sqrt(0.5 * count / inside.sum()) * np.fft.irfft(spectrum, count)
 
 
-class Chirp(_Band, Frozen):
+@dataclass(frozen=True, slots=True)
+class Chirp(_Band):
     """A sinus whose frequency grows linearly from one end of a band to the other over the record."""
 
     amplitude: Size  # Its peak
@@ -167,7 +175,8 @@ class Chirp(_Band, Frozen):
         return self.amplitude * np.sin(2.0 * np.pi * turns)
 
 
-class Multisine(_Band, Frozen):
+@dataclass(frozen=True, slots=True)
+class Multisine(_Band):
     """Equal sinusoids at every multiple of one over the record's duration in a band.
 
     Schroeder's phases, -pi m (m - 1) / M for the m-th of M, keep the peak low: about 1.8 times the standard
@@ -220,7 +229,8 @@ _TAPS = dict.fromkeys(range(2, 17), (1,)) | {
 }
 
 
-class PseudoRandomBinary(Excitation, Frozen):
+@dataclass(frozen=True, slots=True)
+class PseudoRandomBinary(Excitation):
     """Pseudo-random binary sequence of maximal length, at plus or minus an amplitude.
 
     The first value comes from the generator, by a shift along the period; the rest follows.
@@ -254,10 +264,11 @@ class Disturbance(Excitation):
     """A series e(t_k) that enters an equation or the dynamics."""
 
 
+@dataclass(frozen=True, slots=True)
 class WhiteDisturbance(WhiteExcitation, Disturbance):
     """Uncorrelated Gaussian series."""
 
-    std: Size = field()  # Standard deviation, in the unit of the equation
+    std: Size  # Standard deviation, in the unit of the equation
 
 
 def autoregression(
@@ -287,7 +298,8 @@ def largest_root(coefficients: Float[np.ndarray, " lags"]) -> float:
     return float(np.abs(np.roots(np.concatenate([[1.0], -coefficients]))).max(initial=0.0))
 
 
-class DrydenGust(Disturbance, Frozen):
+@dataclass(frozen=True, slots=True)
+class DrydenGust(Disturbance):
     """Vertical turbulence that a vehicle flies through."""
 
     std: Size  # In the unit of the equation: a vertical wind of W [m/s] pushes with K W [m/s^2]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatch
 from itertools import count, groupby
 from operator import attrgetter
@@ -26,7 +26,7 @@ from eivor.simulation.controller import FlightController, LiveFilter, Sensor, co
 from eivor.simulation.environment import KnownLog
 from eivor.simulation.excitation import Disturbance, Excitation
 from eivor.strict_toml import package_tables
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: State of the body, and of its rotors.
 Moved: TypeAlias = tuple[Body, list[Value]]
@@ -102,7 +102,8 @@ def _noisy(std: float) -> Sensor:
     return Sensor(noise=WhiteNoise(std))
 
 
-class AxisExcitations(Frozen):
+@dataclass(frozen=True, slots=True)
+class AxisExcitations:
     """A series about each axis of the body, or none."""
 
     roll: Excitation | None = None  # About the axes that point forward, left and up
@@ -110,7 +111,8 @@ class AxisExcitations(Frozen):
     yaw: Excitation | None = None
 
 
-class TorqueDisturbance(Frozen):
+@dataclass(frozen=True, slots=True)
+class TorqueDisturbance:
     """Torques from outside, as the angular acceleration that each would give by itself."""
 
     roll: Disturbance | None = None  # About the axes that point forward, left and up [rad/s^2]
@@ -118,7 +120,8 @@ class TorqueDisturbance(Frozen):
     yaw: Disturbance | None = None
 
 
-class Wind(Frozen):
+@dataclass(frozen=True, slots=True)
+class Wind:
     """Velocity of the air in the world."""
 
     steady: tuple[float, ...] = (0.0, 0.0, 0.0)  # What does not change, on three axes [m/s]
@@ -132,7 +135,8 @@ class Wind(Frozen):
             raise ParameterError(expected, f"{self.steady}", "Correct the wind.")
 
 
-class Sensors(Frozen):
+@dataclass(frozen=True, slots=True)
+class Sensors:
     """What the vehicle measures; a sensor that is described has the noise of its description, else none."""
 
     # Body rates [rad/s], which the rate loop gets; of .02 rad/s of white noise when left out
@@ -153,7 +157,8 @@ class Sensors(Frozen):
             raise ParameterError("an attitude without a filter", received, remedy)
 
 
-class Logged(Frozen):
+@dataclass(frozen=True, slots=True)
+class Logged:
     """How often what is no measurement is logged; at every step of the simulation where zero."""
 
     rotor_command_hz: Annotated[float, (0.0, 1e5)] = 0.0  # Commands of the rotors [Hz]
@@ -166,7 +171,8 @@ class Logged(Frozen):
         checks.in_ranges(self, "Correct it.")
 
 
-class RigidBodyFlightSpec(Frozen):
+@dataclass(frozen=True, slots=True)
+class RigidBodyFlightSpec:
     """Everything that a flight is a function of."""
 
     vehicle: Vehicle  # What flies
@@ -225,7 +231,8 @@ SENSORS = (*SENSES, "specific_force", "rotor_speed")
 about = attrgetter("roll", "pitch", "yaw")
 
 
-class Surroundings(Frozen):
+@dataclass(frozen=True, slots=True)
+class Surroundings:
     """What one flight meets, a row for each step."""
 
     height: Float[np.ndarray, "n 3"]  # [m]
@@ -306,7 +313,8 @@ def _thrust_map(rotors: Rotors) -> str:
     return f"mixed:{rotors.thrust_quadratic / (rotors.thrust_linear + rotors.thrust_quadratic)!r}"
 
 
-class ClosedLoopRecord(Frozen):
+@dataclass(frozen=True, slots=True)
+class ClosedLoopRecord:
     """What happened in one flight, a row for each step."""
 
     body: Float[np.ndarray, "n 13"]  # Position [m], velocity [m/s], attitude w, x, y, z, body rates [rad/s]
@@ -494,7 +502,8 @@ BATCH_STEPS = 1_200_000
 LOST_M, LOST_COSINE = 5.0, 0.17
 
 
-class RigidBodyTruth(Frozen):
+@dataclass(frozen=True, slots=True)
+class RigidBodyTruth:
     """What is true of a flight, a row for each step of the simulation, without errors of sensors."""
 
     record: ClosedLoopRecord

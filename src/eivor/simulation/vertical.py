@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, TypeAlias, TypeVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from eivor.signals.recording import GRAVITY, Recording
 from eivor.simulation import environment as surroundings
 from eivor.simulation.controller import DelayLine
 from eivor.simulation.environment import KnownLog, SimulatedFlight, TrajectoryKind, altitude_reference, gusts
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 Parts = TypeVar("Parts")
 Flights = Float[np.ndarray, " flights"]
@@ -27,7 +27,8 @@ SUBSTEPS = 5
 THRUST_RANGE = np.array([[0.05], [3.0]])
 
 
-class VerticalVehicles(Frozen):
+@dataclass(frozen=True, slots=True)
+class VerticalVehicles:
     """Physical parameters of several vehicles, arrays of shape (flights,)."""
 
     viscous_friction: Flights  # K [1/s], above zero, and neither 1/tau nor 2/tau
@@ -36,7 +37,8 @@ class VerticalVehicles(Frozen):
     delay_s: Flights
 
 
-class VerticalEnvironment(Frozen):
+@dataclass(frozen=True, slots=True)
+class VerticalEnvironment:
     """What acts on flights from outside: arrays of shape (samples, flights), of one flight (samples,)."""
 
     reference_position: Samples  # [m, m/s, m/s^2]
@@ -49,7 +51,8 @@ class VerticalEnvironment(Frozen):
     acceleration_noise: Samples  # [m, m/s, m/s^2]
 
 
-class AltitudeController(Frozen):
+@dataclass(frozen=True, slots=True)
+class AltitudeController:
     """Position, velocity and integral gains around the trajectory's feed-forward."""
 
     position_gain: float | Flights = 1.2  # [1/s]
@@ -57,7 +60,8 @@ class AltitudeController(Frozen):
     integral_gain: float | Flights = 1.0  # [1/s^2]
 
 
-class SimulatedMotion(Frozen):
+@dataclass(frozen=True, slots=True)
+class SimulatedMotion:
     """What happened, arrays of shape (samples, flights)."""
 
     command: Samples  # [k]
@@ -144,7 +148,8 @@ STEP_S = 0.01
 LARGEST_VELOCITY_GAIN = 5.0
 
 
-class VerticalFlightSpec(Frozen):
+@dataclass(frozen=True, slots=True)
+class VerticalFlightSpec:
     """Everything that a flight is a function of."""
 
     viscous_friction: Annotated[float, (1e-3, 2.0)] = 0.4  # K [1/s]
@@ -268,9 +273,7 @@ def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[VerticalFlight]:
         recording = vertical_recording(
             title, SIMULATOR, environment, motion, number, cos_tilt=tilt, bias=spec.accelerometer_bias
         )
-        moved = SimulatedMotion(
-            *(getattr(motion, name)[:, number] for name in SimulatedMotion.__match_args__)
-        )
+        moved = SimulatedMotion(*(getattr(motion, name)[:, number] for name in SimulatedMotion.__slots__))
         flew = bool(np.abs(moved.position - met.reference_position).max() < LOST_M)
         yield SimulatedFlight(recording, (met, moved), flew)
 

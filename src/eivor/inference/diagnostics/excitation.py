@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from eivor.inference.diagnostics.record import SIGNIFICANT, Diagnostic, Equation
 from eivor.inference.estimating_equation import block_edges
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import symmetric_eigen
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 PerBlock = Float[np.ndarray, " K"]
 PerRow = Float[np.ndarray, " rows"]
@@ -30,7 +31,8 @@ LEAST_BLOCKS = 32
 TURNED = 16
 
 
-class Swing(Frozen):
+@dataclass(frozen=True, slots=True)
+class Swing:
     """The strongest line of one series."""
 
     of: str
@@ -45,7 +47,8 @@ class Swing(Frozen):
         return f"±{self.amplitude:.2g} {self.unit}".rstrip()
 
 
-class Periodicity(Diagnostic, Frozen):
+@dataclass(frozen=True)
+class Periodicity(Diagnostic):
     """Whether the parameters, or what is left over, vary periodically."""
 
     parameters: tuple[Swing, ...]
@@ -128,7 +131,8 @@ class Periodicity(Diagnostic, Frozen):
             )
 
 
-class BlockSums(Frozen):
+@dataclass(frozen=True)
+class BlockSums:
     """Sums of series over successive blocks of time."""
 
     sums: Blocks
@@ -208,7 +212,8 @@ BANDS = 8
 BADLY_CONDITIONED = 1e3
 
 
-class Information(Diagnostic, Frozen):
+@dataclass(frozen=True)
+class Information(Diagnostic):
     """Scaled information matrix."""
 
     matrix: Float[np.ndarray, "n n"]
@@ -243,7 +248,8 @@ class Information(Diagnostic, Frozen):
             )
 
 
-class BandPower(Diagnostic, Frozen):
+@dataclass(frozen=True)
+class BandPower(Diagnostic):
     """Power of the model part against that of the residual in bands."""
 
     low_hz: Float[np.ndarray, " bands"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -12,7 +13,7 @@ from eivor.inference.diagnostics import record
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import orthogonal_factors, symmetric_eigen
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: Directions in which P differs from its projection on the columns by less than this share are no test.
 NO_DIFFERENCE = 1e-9
@@ -20,7 +21,8 @@ NO_DIFFERENCE = 1e-9
 NOTABLE_BIAS = 0.5
 
 
-class Endogeneity(record.Diagnostic, Frozen):
+@dataclass(frozen=True)
+class Endogeneity(record.Diagnostic):
     """Least squares, or another direct estimate, against the estimate."""
 
     difference: Float[np.ndarray, " n"]  # Estimate minus least squares, to first order
@@ -54,7 +56,8 @@ class Endogeneity(record.Diagnostic, Frozen):
             )
 
 
-class DirectScores(Frozen):
+@dataclass(frozen=True, slots=True)
+class DirectScores:
     """Scores G e + v e^2 + k of a direct estimate, which sum to zero at it."""
 
     difference: Float[np.ndarray, " n"]
@@ -115,7 +118,8 @@ def endogeneity(
     )
 
 
-class OverIdentification(record.Diagnostic, Frozen):
+@dataclass(frozen=True)
+class OverIdentification(record.Diagnostic):
     """Hansen's J."""
 
     J: float
@@ -181,7 +185,8 @@ SIZE = 0.05
 UNEXPLAINED = 1e-10
 
 
-class FirstStageTest(record.Diagnostic, Frozen):
+@dataclass(frozen=True)
+class FirstStageTest(record.Diagnostic):
     """Strength of instruments."""
 
     conditional: Float[np.ndarray, " n"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from eivor.inference.distributions import chi_square_tail
 from eivor.inference.estimating_equation import Products
 from eivor.inference.verdict import Reason
 from eivor.linalg.system import symmetric_eigen, triangular_root
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: Fewest averages, and how many there are for each equation that is tested.
 LEAST_AVERAGES = 8
@@ -65,7 +66,8 @@ class Row(NamedTuple):
     line: str = ""  # In words, of the main numbers
 
 
-class Subject(Frozen):
+@dataclass(frozen=True)
+class Subject:
     """What a diagnostic is of, as its sentences name it."""
 
     names: tuple[str, ...]  # Each joint parameter
@@ -191,6 +193,7 @@ def first_stage_of_products(
     return np.divide(explained * (rows - available), degrees * unexplained, out=strengths, where=left)
 
 
+@dataclass(frozen=True)
 class EquationProducts(Products):
     """Products of [psi G e] over K successive blocks of time, and what compensation adds."""
 

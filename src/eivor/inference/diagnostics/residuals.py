@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -12,7 +13,7 @@ from eivor.inference.diagnostics.record import SIGNIFICANT, Diagnostic, Row, Sub
 from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.inference.verdict import Reason, Status
 from eivor.signals.noise import LEAST_BANDWIDTH, estimate_long_memory
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 #: Probability to exceed the quantiles.
 TAILS = (0.5, 0.25, 0.1, 0.05, 0.025, 0.01, 0.005, 0.0025, 0.001)
@@ -45,7 +46,8 @@ TRIMMED = 10
 SIDE_AVERAGES = 6
 
 
-class Constancy(Diagnostic, Frozen):
+@dataclass(frozen=True)
+class Constancy(Diagnostic):
     """Whether the parameters changed during the record."""
 
     statistic: float  # Supremum, as an F
@@ -145,7 +147,8 @@ def _transforms() -> Float[np.ndarray, "breaks rows 64"]:
 LARGE_LEVERAGE = 1.5
 
 
-class SegmentLeverage(Diagnostic, Frozen):
+@dataclass(frozen=True)
+class SegmentLeverage(Diagnostic):
     """What leaving out each stretch does."""
 
     shift: Float[np.ndarray, "S n"]
@@ -206,7 +209,8 @@ LONGEST = 8192
 NOT_STATIONARY = 0.5
 
 
-class ResidualMemory(Diagnostic, Frozen):
+@dataclass(frozen=True, slots=True)
+class ResidualMemory(Diagnostic):
     """Memory of a residual."""
 
     memory: float  # d = -order of the fractional noise
@@ -250,7 +254,8 @@ def residual_memory(residual: Float[np.ndarray, " rows"]) -> ResidualMemory | No
 LAGS = 20
 
 
-class ResidualWhiteness(Diagnostic, Frozen):
+@dataclass(frozen=True)
+class ResidualWhiteness(Diagnostic):
     """Whiteness of a residual."""
 
     autocorrelation: Float[np.ndarray, " L"]  # At lags 1..L

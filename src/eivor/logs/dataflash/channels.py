@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mmap
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -35,7 +35,7 @@ from eivor.signals.recording import (
     Recording,
     clean_channel,
 )
-from eivor.tools import Bool, Float, Frozen
+from eivor.tools import Bool, Float
 
 #: Gas constant of dry air [J/(kg K)], and zero degrees Celsius [K].
 DRY_AIR, ZERO_CELSIUS = 287.05, 273.15
@@ -89,7 +89,8 @@ SLOPE_WITHIN, OFFSET_WITHIN = 0.1, 0.05
 LEAST_THROTTLE, LEAST_COUNT, LEAST_SPREAD = 0.1, 50, 0.01
 
 
-class MotorRange(Frozen):
+@dataclass(frozen=True, slots=True)
+class MotorRange:
     """Range of the motors' pulse widths, and the curve of their thrust."""
 
     low: float  # [us]

@@ -16,7 +16,7 @@ import numpy as np
 from eivor.linalg.system import COPIED_ROWS, row_blocks
 from eivor.logs.common import noted
 from eivor.signals.recording import Finding
-from eivor.tools import Bool, Float, Frozen
+from eivor.tools import Bool, Float
 
 HEAD = b"\xa3\x95"
 HEAD_BYTES = 3
@@ -39,7 +39,8 @@ _NAME = re.compile(rb"[A-Za-z0-9_]{1,4}\0*")
 MAX_FORMATS = 10_000
 
 
-class Field(Frozen):
+@dataclass(frozen=True, slots=True)
+class Field:
     """A field of a message."""
 
     kind: np.dtype[np.generic]
@@ -47,7 +48,8 @@ class Field(Frozen):
     factor: float
 
 
-class MessageType(Frozen):
+@dataclass(frozen=True, slots=True)
+class MessageType:
     """What a FMT message says of a type."""
 
     number: int
@@ -148,7 +150,8 @@ KEPT_BYTES = 1 << 24
 LONG_FILE_BYTES = 1 << 27
 
 
-class Messages(Frozen):
+@dataclass(frozen=True)
+class Messages:
     """All messages of a type, or of one instance of it."""
 
     layout: MessageType

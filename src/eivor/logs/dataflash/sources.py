@@ -14,7 +14,7 @@ from eivor.logs.dataflash.messages import Messages, rows_of
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, LogOrigin, utc_time
 from eivor.strict_toml import package_tables
-from eivor.tools import Bool, Float, Frozen
+from eivor.tools import Bool, Float
 
 #: What the firmware says of itself when a log begins: its name and version, the board's id, the frame.
 _FIRMWARE = re.compile(r"(?:APM:|Ardu)\w+ V\d\S*")
@@ -65,7 +65,8 @@ THOUSANDTH, LARGEST_SHARE = 0.001, 5.0
 CONTROLLERS = ("PSCN", "PSCE", "PSC", "PSCD", "PSCZ")
 
 
-class MessageSource(Frozen):
+@dataclass(frozen=True, slots=True)
+class MessageSource:
     """One place where a channel may be."""
 
     message: str

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,6 @@ from eivor.logs.ulog import channels as px4
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, Frame, Recording
 from eivor.strict_toml import package_tables
-from eivor.tools import Frozen
 
 #: Place of the vehicle, direction, name, number of the instance, version of the message.
 _NAME = re.compile(
@@ -135,7 +135,8 @@ ASKED = re.compile(
 )
 
 
-class RosSource(Frozen):
+@dataclass(frozen=True, slots=True)
+class RosSource:
     """One place where a channel may be."""
 
     kind: str

@@ -14,7 +14,6 @@ import numpy as np
 
 from eivor.logs.common import DECODER_ERRORS
 from eivor.strict_toml import package_tables
-from eivor.tools import Frozen
 
 #: Bytes of the types that messages are made of; strings have a length of their own.
 SIZES: Mapping[str, str] = {
@@ -113,7 +112,8 @@ class UnsoundMessageError(ValueError):
     """A message whose bytes are not those of its type."""
 
 
-class MessageLayout(Frozen):
+@dataclass(frozen=True, slots=True)
+class MessageLayout:
     """Where the fields of a message are."""
 
     fields: Mapping[str, tuple[int, str]]  # [bytes]

@@ -17,7 +17,7 @@ from eivor.logs.rosbag import messages
 from eivor.logs.rosbag.containers import Budget, declared, declared_by_metadata, opened
 from eivor.signals.channels import roll_pitch_yaw
 from eivor.signals.recording import Channel, Finding
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 Fields = Mapping[str, np.ndarray]
 
@@ -155,7 +155,8 @@ class RawTopic:
         return lambda message: messages.message_layout(message, self.kind, types, ros1=self.ros1)
 
 
-class BagTopic(Frozen):
+@dataclass(frozen=True, slots=True)
+class BagTopic:
     """A topic as columns."""
 
     name: str

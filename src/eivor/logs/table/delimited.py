@@ -21,7 +21,6 @@ from eivor.logs.mapping import known_unit
 from eivor.signals.noise import MeasurementNoise
 from eivor.signals.recording import Finding
 from eivor.signals.signals import Signals
-from eivor.tools import Frozen
 
 if TYPE_CHECKING:
     import polars as pl
@@ -149,7 +148,8 @@ def polars_errors(raised: Callable[[BaseException], errors.EivorError]) -> Itera
 MAX_COLUMNS = 4096
 
 
-class TableSource(Frozen):
+@dataclass(frozen=True, slots=True)
+class TableSource:
     """A table whose header has been read."""
 
     names: tuple[str, ...]  # Columns, in their order
@@ -189,7 +189,8 @@ _NO_VALUE = ("", "na", "n/a", "null", "none", "-", "--")
 _WORDS = {"true": "1", "false": "0"}
 
 
-class _Layout(Frozen):
+@dataclass(frozen=True, slots=True)
+class _Layout:
     """How the lines are made: where the rows begin, how many there are, and what splits them."""
 
     names: tuple[str, ...]

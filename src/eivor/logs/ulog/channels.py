@@ -13,13 +13,14 @@ from eivor.logs import common
 from eivor.signals.channels import CurveSide, roll_pitch_yaw
 from eivor.signals.recording import HELICOPTER, ROTARY_WING, VTOL, Channel, Finding, LogOrigin, utc_time
 from eivor.strict_toml import package_tables
-from eivor.tools import Bool, Float, Frozen
+from eivor.tools import Bool, Float
 
 #: What PX4's estimator makes of its sensors.
 ESTIMATOR_TOPIC = "vehicle_local_position"
 
 
-class TopicSource(Frozen):
+@dataclass(frozen=True, slots=True)
+class TopicSource:
     """One place where a channel may be."""
 
     topic: str
@@ -112,7 +113,8 @@ LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
 }
 
 
-class Topic(Frozen):
+@dataclass(frozen=True, slots=True)
+class Topic:
     """One instance of a topic: raw arrays by field, one entry per message."""
 
     name: str

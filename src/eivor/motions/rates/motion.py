@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 
@@ -26,7 +26,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_STAGE, LaggedRu
 from eivor.models.separable import AT_END, InstrumentRule, LaggedReferences, WarmStart
 from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, equation_prediction, simple_models
 from eivor.signals.recording import HELICOPTER, Channel, Finding, Recording
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 TABLES = motion_tables("eivor.motions.rates")
 QUANTITIES = quantity.QuantityTable(TABLES.quantities)
@@ -214,6 +214,7 @@ def _imitated_s(lag_s: float) -> float:
     return IMITATED_SHARE * lag_s if lag_s > 0.0 else float(LAGS_S[0])
 
 
+@dataclass(frozen=True)
 class OrderChecks(verdict.MotionChecks):
     """What a second stage of the actuators, which the flights leave open, would change of quantities."""
 
@@ -372,7 +373,8 @@ def excitation(flights: Flights, axes: tuple[Axis, ...] = ()) -> str:
     )
 
 
-class Rates(DeclaredMotion[LaggedRuns], Frozen):
+@dataclass(frozen=True)
+class Rates(DeclaredMotion[LaggedRuns]):
     """p' = G u - D p + b about each axis, behind the lag of the actuators."""
 
     axes: tuple[Axis, ...] = AXES

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,7 @@ from eivor.models.regression import regression
 from eivor.motions.rigid_body import dynamics
 from eivor.signals.filters import time_derivative
 from eivor.signals.recording import Channel, Frame, Recording
-from eivor.tools import Bool, Complex, Float, Frozen
+from eivor.tools import Bool, Complex, Float
 
 RATES, FORCES = (
     tuple(f"{name}_{axis}" for axis in "xyz") for name in ("angular_rate", "specific_force_body")
@@ -40,7 +40,8 @@ COHERENT = 0.5
 SURE, LEAST_OFFSET_S = 3.0, 0.002
 
 
-class Calibration(Frozen):
+@dataclass(frozen=True)
+class Calibration:
     """What one comparison says of one number."""
 
     what: str
@@ -49,7 +50,8 @@ class Calibration(Frozen):
     unit: str
 
 
-class Comparison(Frozen):
+@dataclass(frozen=True)
+class Comparison:
     """Spectra of stretches of a sensor and of what kinematics makes of the others, for each axis."""
 
     sensor: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,7 +12,7 @@ from eivor.errors import UsageError
 from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.signals.filters import time_derivative
 from eivor.signals.recording import GRAVITY
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: A number of one flight, or those of several, or of several samples.
 Value: TypeAlias = float | Float[np.ndarray, "..."]
@@ -20,7 +20,8 @@ Value: TypeAlias = float | Float[np.ndarray, "..."]
 Place: TypeAlias = tuple[Value, Value, Value, Value]
 
 
-class Coefficients(Frozen):
+@dataclass(frozen=True, slots=True)
+class Coefficients:
     """Every number of the equations of motion; see `Vehicle` and `Rotors` for what they mean."""
 
     gyroscopic: bool
@@ -107,7 +108,8 @@ def together(each: Sequence[Any]) -> Any:
     return each[0] if len(each) == 1 else stacked(each)
 
 
-class EffectiveParameters(Frozen):
+@dataclass(frozen=True, slots=True)
+class EffectiveParameters:
     """What the equations of motion hold, at hover in still air."""
 
     gyroscopic_ratios: tuple[float, float, float]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import cast
 
@@ -43,7 +43,7 @@ from eivor.motions.rigid_body.vehicle import KnownVehicle, load_vehicle, shipped
 from eivor.motions.vertical.select import TABLES as HEIGHT
 from eivor.signals.recording import Channel, Finding, Recording
 from eivor.signals.signals import Signals
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 # -- Attitude order --
 
@@ -363,7 +363,8 @@ def refined(
     return problem, replace(estimate, left_out=left_out)
 
 
-class RigidBody(DeclaredMotion[LaggedRuns], Frozen):
+@dataclass(frozen=True)
+class RigidBody(DeclaredMotion[LaggedRuns]):
     """Turning about three axes and the force along them, behind the lag of the rotors."""
 
     vehicle: KnownVehicle | None = None

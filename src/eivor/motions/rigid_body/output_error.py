@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,7 +29,7 @@ from eivor.motions.rigid_body.regression import (
 from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.recording import Finding
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 Numbers = Float[np.ndarray, " k"]
 Vector = Float[np.ndarray, " n"]
@@ -73,7 +73,8 @@ def difference(states: States, measured: States) -> Float[np.ndarray, "... 12 st
     return np.concatenate([left[..., :6, :], turn, left[..., 10:, :]], axis=-2)
 
 
-class Windows(Frozen):
+@dataclass(frozen=True)
+class Windows:
     """Windows of one flight, side by side."""
 
     logged: LoggedState
@@ -145,7 +146,8 @@ def weights_of(
     return roots, noise * np.clip(scale, 0.3, 3.0)
 
 
-class Minimum(Frozen):
+@dataclass(frozen=True)
+class Minimum:
     """A minimum of output errors."""
 
     structure: Structure
@@ -189,7 +191,8 @@ class Minimum(Frozen):
         return Linearised(np.stack(scores), np.stack(slopes) + added, scale)
 
 
-class Linearised(Frozen):
+@dataclass(frozen=True)
+class Linearised:
     """Scores and slopes of clusters of windows at a minimum, of scaled parameters."""
 
     scores: Float[np.ndarray, "clusters n"]
@@ -263,7 +266,8 @@ AKAIKE = 2.0
 ROUNDS = 8
 
 
-class Structure(Frozen):
+@dataclass(frozen=True)
+class Structure:
     """Terms of the equations that windows see, those of them that are kept and free, and every value."""
 
     windows: tuple[Windows, ...]

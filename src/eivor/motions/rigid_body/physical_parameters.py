@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -19,7 +19,7 @@ from eivor.logs.channel_map import Expression, parse_expression
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
 from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import InputMap, Mixed, Power, input_map
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: What may be supplied, and what stands in sentences for it.
 SUPPLIED = {
@@ -31,7 +31,8 @@ SUPPLIED = {
 }
 
 
-class Formula(Frozen):
+@dataclass(frozen=True)
+class Formula:
     """A number by what flights identify and what may be supplied, such as ``mass * drag_x``."""
 
     text: str
@@ -60,7 +61,8 @@ class Formula(Frozen):
 LEVEL = 0.95
 
 
-class Combinations(Frozen):
+@dataclass(frozen=True)
+class Combinations:
     """What a flight identifies of a vehicle, in the order of its names."""
 
     names: tuple[str, ...]  # Such as ``roll_gain``
@@ -198,7 +200,8 @@ BY_COUPLING = {
 }
 
 
-class YawInertiaRoute(Frozen):
+@dataclass(frozen=True)
+class YawInertiaRoute:
     """A way to Izz."""
 
     words: str
@@ -358,7 +361,8 @@ THRUST_WORDS = {
 }
 
 
-class PhysicalParameter(Frozen):
+@dataclass(frozen=True)
+class PhysicalParameter:
     """A physical parameter."""
 
     name: str
@@ -465,7 +469,8 @@ WIDE, WIDE_AIR = (0.1, 0.25), (0.5, 1.0)
 OF_THE_AIR = frozenset({*DRAGS, *(f"quadratic_drag_{axis}" for axis in "xyz"), "translational_lift"})
 
 
-class PhysicalParameters(Frozen):
+@dataclass(frozen=True, slots=True)
+class PhysicalParameters:
     """All of them, and what speaks against them."""
 
     numbers: Mapping[str, Implied]  # By name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -23,10 +24,11 @@ from eivor.motions.rigid_body.vehicle import KnownVehicle, inertia_shares
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.filters import time_derivative
 from eivor.signals.recording import GRAVITY
-from eivor.tools import Float, Frozen, Int
+from eivor.tools import Float, Int
 
 
-class LoggedState(Frozen):
+@dataclass(frozen=True)
+class LoggedState:
     """Position, velocity, attitude and rates on a flight's grid."""
 
     flight: PreparedFlight
@@ -86,7 +88,8 @@ def kinematics(
     return np.concatenate([body[3:6], velocity, 0.5 * np.stack(attitude), rates])
 
 
-class StatePropagator(Frozen):
+@dataclass(frozen=True)
+class StatePropagator:
     """Rates of change of a body's state at the samples of a flight, by models side by side."""
 
     logged: LoggedState  # With the rotors' commands, or their speeds

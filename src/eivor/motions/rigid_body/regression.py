@@ -26,7 +26,7 @@ from eivor.signals.filters import Series, low_passed, shifted_by, time_derivativ
 from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import input_map
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 # -- Terms --
 
@@ -246,7 +246,8 @@ INSTRUMENT_DELAYS_S = (-0.02, 0.0, 0.02)
 UNLAGGED = {item.name for item in (*GYROSCOPIC_MOMENT, *ALL_DRAG_MOMENTS)}
 
 
-class AxisInstruments(Frozen):
+@dataclass(frozen=True)
+class AxisInstruments:
     """Instruments of every equation of one flight: references with their lags, and what they predict."""
 
     rotors: RotorStates
@@ -423,7 +424,8 @@ class RotorStates:
         return np.asfortranarray(self.flight.signals.family(self.flight.input.name))
 
 
-class BodyEquation(AxisEquation, kw_only=True):
+@dataclass(frozen=True, kw_only=True)
+class BodyEquation(AxisEquation):
     """One of the equations with the rotors of a flight, whose states all of them share."""
 
     rotors: RotorStates = field(compare=False)

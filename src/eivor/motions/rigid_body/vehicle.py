@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sized
-from dataclasses import field, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 from importlib import resources
 from typing import Any
@@ -19,7 +19,7 @@ from eivor.inference.distributions import normal_quantile
 from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import input_map
 from eivor.strict_toml import ENDING, TomlFiles, TomlTable, package_tables
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 #: Parameters that identify them; Iyy / Ixx, and Izz / Ixx by either coupling, as formulas.
 OF_INERTIAS = ("roll_gain", "pitch_gain", "roll_coupling", "pitch_coupling")
@@ -63,7 +63,8 @@ def triple(name: str, values: Sized) -> None:
         raise ParameterError(f"three numbers for {name}, forward, left, up", f"{len(values)}", _REMEDY)
 
 
-class KnownNumber(Frozen):
+@dataclass(frozen=True, slots=True)
+class KnownNumber:
     """A value from outside the flight."""
 
     value: float
@@ -98,7 +99,8 @@ LARGEST_STD = 0.4
 MOST_ROTORS = 64
 
 
-class Rotors(Frozen):
+@dataclass(frozen=True, slots=True)
+class Rotors:
     """Equal rotors at several places.
 
     With n the speed of one of them, l the air velocity there on the body's axes, and s its spin:
@@ -189,7 +191,8 @@ RANGES = {
 }
 
 
-class KnownVehicle(Frozen):
+@dataclass(frozen=True)
+class KnownVehicle:
     """What is known of a vehicle; None for what is not."""
 
     name: str
@@ -411,7 +414,8 @@ def _known(number: float | _Number | None, unit: float = 1.0) -> KnownNumber | N
     return None if number is None else KnownNumber(unit * number)
 
 
-class BodyDrag(Frozen):
+@dataclass(frozen=True, slots=True)
+class BodyDrag:
     """What the air does to the body without its rotors, along and about the body's axes."""
 
     linear: tuple[float, ...] = (0.0, 0.0, 0.0)  # Against the air speed on each axis [N/(m/s)]
@@ -424,7 +428,8 @@ class BodyDrag(Frozen):
             non_negative(name, *getattr(self, name))
 
 
-class Vehicle(Frozen):
+@dataclass(frozen=True, slots=True)
+class Vehicle:
     """A rigid body that flies on rotors."""
 
     mass: float  # With everything on board [kg]

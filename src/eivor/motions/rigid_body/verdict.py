@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations, permutations
 from operator import attrgetter
 from typing import Any
@@ -38,7 +38,7 @@ from eivor.motions.rigid_body.regression import DRAG, GAIN, GYROSCOPIC_MOMENT, P
 from eivor.motions.rigid_body.vehicle import OF_INERTIAS, YAW_OVER_ROLL, KnownVehicle, inertia_ratios
 from eivor.signals.filters import time_derivative
 from eivor.signals.thrust_map import input_map
-from eivor.tools import Complex, Float, Frozen
+from eivor.tools import Complex, Float
 
 #: An onboard filter runs at its logged rate or so many times its cutoff, whichever is more.
 STEPS_OF_FILTER = 4.0
@@ -195,7 +195,8 @@ def with_gyroscopic_moments(models: Sequence[Values]) -> list[Values]:
 # -- Consistency of lags --
 
 
-class Contradiction(Frozen):
+@dataclass(frozen=True, slots=True)
+class Contradiction:
     """What a flight says against the vehicle file, its own axes or calm air."""
 
     sentence: str
@@ -516,6 +517,7 @@ def _shift_sentence(inputs: verdict.VerdictInputs) -> str:
     return f"Estimates lie the more towards least squares, the weaker the instruments are: {words}."
 
 
+@dataclass(frozen=True, slots=True)
 class RigidBodyChecks(verdict.MotionChecks):
     """Where a flight contradicts the vehicle file, its own axes or calm air; None where it does not."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from eivor.motions.vertical.regression import MAPPED, RADII, SUPPLY, VOLTAGE_SHA
 from eivor.motions.vertical.select import rotated, vertical_row
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import GRAVITY, Channel, Finding
-from eivor.tools import Complex, Float, Frozen, capitalised
+from eivor.tools import Complex, Float, capitalised
 
 # -- Omitted-variable tests --
 
@@ -125,7 +125,8 @@ def _linear(problem: VerticalFlights, estimate: Estimate) -> SpectralRegression:
     return replace(bins, regressors=np.column_stack([bins.regressors, *slopes]), parameters=parameters)
 
 
-class OmittedTerms(Frozen):
+@dataclass(frozen=True, slots=True)
+class OmittedTerms:
     """Tests of the terms that the model leaves out."""
 
     differences: Mapping[str, Difference] = field(default_factory=dict)

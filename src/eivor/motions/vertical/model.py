@@ -14,7 +14,6 @@ from eivor.models.regression import Column, Equation, Parameter, check_columns
 from eivor.models.signal_regression import SignalModel, SignalRegression
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import InputMap, Mixed, Power
-from eivor.tools import Frozen
 
 #: Parameters that are possible, from the least to the largest.
 EXPONENTS, SHARES = (0.5, 3.5), (0.0, 1.0)
@@ -24,7 +23,8 @@ LEAST_COMMAND = 1e-6
 Interval = tuple[float, tuple[float, float]]
 
 
-class CurveFamily(Frozen):
+@dataclass(frozen=True, slots=True)
+class CurveFamily:
     """Maps of one parameter."""
 
     of_share: bool  # ``mixed:SHARE``, else ``power:EXPONENT``
@@ -49,7 +49,8 @@ def family_of(chosen: InputMap, *, fitted: bool = True) -> CurveFamily:
     return CurveFamily(isinstance(chosen, Mixed) or (not fitted and chosen == Power(1.0)))
 
 
-class AutopilotParameter(Frozen):
+@dataclass(frozen=True, slots=True)
+class AutopilotParameter:
     """One parameter of an autopilot."""
 
     name: str

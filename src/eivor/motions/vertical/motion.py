@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -37,7 +37,7 @@ from eivor.motions.vertical.regression import (
 from eivor.signals.recording import GRAVITY, Finding, Recording
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import Mixed, input_map
-from eivor.tools import Frozen, plain
+from eivor.tools import plain
 
 #: Friction of a multirotor of which nothing is known [1/s].
 ANY_FRICTION = Prior(0.3, 0.3)
@@ -244,7 +244,8 @@ ABILITIES = motion.Abilities(
 )
 
 
-class Vertical(DeclaredMotion[VerticalFlights], Frozen):
+@dataclass(frozen=True)
+class Vertical(DeclaredMotion[VerticalFlights]):
     """z'' + g = K_u U - K z' + b, behind the lag of the actuators."""
 
     added: tuple[regression.OptionalTerm, ...] = ()

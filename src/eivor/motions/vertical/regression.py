@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 
 import numpy as np
@@ -27,7 +27,7 @@ from eivor.motions.vertical.select import INPUTS, FittedCurve
 from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import InputMap, Power, input_map
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 # -- Equation --
 
@@ -41,6 +41,7 @@ PER_INPUT, RADII, VOLTAGE_SHARE = "lift_per_input", "radii", "voltage_share"
 AT_ONCE = {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
 
 
+@dataclass(frozen=True)
 class VerticalEquation(AxisEquation):
     """Equation of the vertical motion, with the mapped input in place of the logged one."""
 
@@ -117,7 +118,8 @@ DRAG, GROUND, SUPPLY = "quadratic_drag", "ground_effect", "supply"
 TREND = 3
 
 
-class OptionalTerm(Term, kw_only=True):
+@dataclass(frozen=True, kw_only=True)
+class OptionalTerm(Term):
     """A term that a user may add to the equation."""
 
     behind: bool = True  # So that it comes after the gain
@@ -199,7 +201,8 @@ def explained(
 # -- Flights --
 
 
-class VerticalFlights(lagged_runs.LaggedRuns, kw_only=True):
+@dataclass(frozen=True, kw_only=True)
+class VerticalFlights(lagged_runs.LaggedRuns):
     """Regressions of vertical motion for each actuator lag and delay."""
 
     flights: tuple[PreparedFlight, ...]
@@ -320,7 +323,8 @@ MIDDLE_FRICTION = 0.4
 ROUGH_GAIN = 0.25
 
 
-class WeightBalance(Frozen):
+@dataclass(frozen=True)
+class WeightBalance:
     """Hover input and its drift by thrust that is the weight: neither a gain nor an instrument is needed."""
 
     problem: VerticalFlights
@@ -369,7 +373,8 @@ class WeightBalance(Frozen):
         return ThrustDrift(-GRAVITY * slope, half_width, _duration_s(self.problem), exponent)
 
 
-class Balance(Frozen):
+@dataclass(frozen=True)
+class Balance:
     """Means over the runs of the terms of the equation of motion, at an estimate."""
 
     problem: VerticalFlights
@@ -469,7 +474,8 @@ def _variance_of_mean(problem: VerticalFlights, residual: Float[np.ndarray, " n"
     )
 
 
-class ThrustDrift(Frozen):
+@dataclass(frozen=True, slots=True)
+class ThrustDrift:
     """Line in time of the thrust of one command, which rows of long runs lose, with a 95 % interval."""
 
     rate: float  # Change of the thrust over mass in a second [m/s^3]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from eivor.flights.quantity import QuantityTable
 from eivor.flights.verdict import SLOW_COMMAND_HZ
 from eivor.motions.vertical.model import CurveFamily
 from eivor.signals.recording import GRAVITY, Channel, Finding, Recording
-from eivor.tools import Float, Frozen
+from eivor.tools import Float
 
 
 def vertical_row(attitude: list[Channel]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
@@ -32,7 +32,8 @@ def vertical_row(attitude: list[Channel]) -> tuple[Float[np.ndarray, " n"], Floa
     return attitude[0].time_s, row / square[:, None]
 
 
-class FittedCurve(Frozen):
+@dataclass(frozen=True)
+class FittedCurve:
     """A map that was found out, and estimates with maps to either side."""
 
     family: CurveFamily

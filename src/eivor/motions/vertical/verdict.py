@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from eivor.tools import Bool, Float
 NEAR_RADII = 4.0
 
 
+@dataclass(frozen=True, slots=True)
 class VerticalChecks(verdict.MotionChecks):
     """What the vertical motion finds out about an estimate."""
 
