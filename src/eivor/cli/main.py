@@ -73,9 +73,6 @@ def _readable_errors() -> Iterator[None]:
 class Commands(TyperGroup):
     """All commands; what is wrong in them is said in one line."""
 
-    def get_params(self, ctx: Any) -> list[Any]:
-        return cli.as_typed(self, super().get_params(ctx))
-
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         with _readable_errors():
             return super().make_context(*args, **kwargs)

@@ -484,17 +484,13 @@ def declared(context: Any) -> Iterator[tuple[str, Reads | Writes, str]]:
 
 def declarations(command: Any) -> dict[str, Reads | Writes]:
     """What the parameters of a command declare, by their names in the function."""
+    known = inspect.signature(command.callback, eval_str=True).parameters if command.callback else {}
     return {
         name: item
-        for name, annotation in _annotations(command)
-        for item in getattr(annotation, "__metadata__", ())
+        for name, parameter in known.items()
+        for item in getattr(parameter.annotation, "__metadata__", ())
         if isinstance(item, Reads | Writes)
     }
-
-
-def _annotations(command: Any) -> Iterator[tuple[str, Any]]:
-    known = inspect.signature(command.callback, eval_str=True).parameters if command.callback else {}
-    return ((name, parameter.annotation) for name, parameter in known.items())
 
 
 def _key(path: Path) -> tuple[int, int] | None:
@@ -555,28 +551,6 @@ def deliver_result(
     deliver(*screen, *written, *files)
 
 
-#: Annotations of parameters that are as typed.
-TEXTS = (str, list[str], list[str] | None)
-
-
-def _processed(item: Any, is_text: bool, process: Callable[..., Any], context: Any, value: Any) -> Any:
-    """Value of a parameter. What Typer converts by takes long to import: nothing and texts do without."""
-    if (item.required and not value) or not (is_text or value is None):
-        return process(context, value)
-    value = [*(value or ())] if item.multiple or item.nargs == -1 else value
-    return item.callback(context, item, value) if item.callback else value
-
-
-def as_typed(command: Any, parameters: list[Any]) -> list[Any]:
-    """Parameters of a command whose values are as typed, where they are texts."""
-    annotations = {name: getattr(known, "__origin__", known) for name, known in _annotations(command)}
-    for item in parameters:
-        if "process_value" not in vars(item):
-            is_text = annotations.get(item.name) in TEXTS
-            vars(item)["process_value"] = partial(_processed, item, is_text, item.process_value)
-    return parameters
-
-
 class ReadableCommand(TyperCommand):
     """A command that checks its options, and the files that it writes, before it runs."""
 
@@ -588,9 +562,6 @@ class ReadableCommand(TyperCommand):
             item.show_default = item.show_default or (is_value and item.default not in (None, ""))
             if len(options) <= FIRST_OPTIONS:
                 item.rich_help_panel = None
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        return as_typed(self, super().get_params(ctx))
 
     def invoke(self, ctx: Any) -> Any:
         try:
