@@ -338,11 +338,8 @@ def cosine_covariance(scores: Iterable[Block], count: int, averages: int = COSIN
 def cosine_averages(
     scores: Float[np.ndarray, "samples *shape"], averages: int
 ) -> Float[np.ndarray, "averages *shape"]:
-    """sqrt(count) L_j of scores that are all at hand, from one transform (Makhoul, 1980)."""
-    # `scipy.fft` has this cosine transform, and takes longer to import than an estimate to make
-    spectrum = np.fft.fft(np.concatenate([scores[::2], scores[1::2][::-1]]), axis=0)[1 : averages + 1]
-    turns = np.exp(-0.5j * np.pi / len(scores) * np.arange(1, len(spectrum) + 1))
-    return np.sqrt(2.0) * (spectrum.T * turns).T.real
+    """sqrt(count) L_j of scores that are all at hand."""
+    return np.asarray(scipy.fft.dct(scores, axis=0)[1 : averages + 1]) / np.sqrt(2.0)
 
 
 def long_run_mean_variance(series: Float[np.ndarray, " samples"]) -> float:
