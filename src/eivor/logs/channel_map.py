@@ -122,8 +122,8 @@ class Expression:
         stack: list[np.ndarray | float] = []
         with np.errstate(all="ignore"):
             for step in self.steps:
-                if isinstance(step, InTime):
-                    stack.append(step(stack.pop(), time))
+                if isinstance(step, str):
+                    stack.append(columns[step])
                 elif isinstance(step, np.ufunc):
                     arguments = stack[-step.nin :]
                     del stack[-step.nin :]
@@ -132,7 +132,7 @@ class Expression:
                         value = np.where(np.isnan(sum(arguments)), np.nan, value)
                     stack.append(value)
                 else:
-                    stack.append(columns[step] if isinstance(step, str) else np.float64(step))
+                    stack.append(step(stack.pop(), time) if isinstance(step, InTime) else np.float64(step))
         return np.asarray(stack.pop(), dtype=np.float64)
 
 

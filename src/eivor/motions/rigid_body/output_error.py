@@ -24,9 +24,9 @@ from eivor.motions.rigid_body.regression import (
     OFFSET,
     QUADRATIC_DRAG,
     THRUST,
+    RotorStates,
     body_equation,
 )
-from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.recording import Finding
 from eivor.tools import Float, Int
@@ -78,9 +78,8 @@ class Windows:
     """Windows of one flight, side by side."""
 
     logged: LoggedState
-    vehicle: KnownVehicle
+    rotors: RotorStates
     starts: Starts
-    usual: float  # State of a rotor that damping and drag are for
 
     @cached_property
     def outputs(self) -> list[int]:
@@ -113,8 +112,7 @@ class Windows:
     def _compared(
         self, models: Sequence[Values], initial: Float[np.ndarray, "13 #models starts"]
     ) -> Float[np.ndarray, "models rows starts"]:
-        made = StatePropagator(self.logged, self.vehicle, models, self.starts, usual=self.usual)
-        states = made.propagate(initial)
+        states = StatePropagator(self.logged, self.rotors, models, self.starts).propagate(initial)
         measured = self.logged.body[:, self.starts.ends].transpose(1, 0, 2)
         left = difference(states, np.broadcast_to(measured, states.shape))[:, :, self.outputs]
         return left.reshape(len(left), -1, left.shape[-1])
@@ -246,10 +244,10 @@ def minimised(start: Structure, *, tolerance: float = TOLERANCE) -> Minimum:
 def flight_windows(problem: LaggedRuns, flights: Flights) -> tuple[Windows, ...]:
     """Windows of every flight."""
     rotors = body_equation(problem.columns[0]).rotors
-    vehicle, usual = rotors.vehicle, rotors.usual
+    each = [RotorStates(flight, rotors.vehicle, rotors.usual, flight.signals) for flight in flights]
     made = tuple(
-        Windows(LoggedState(flight), vehicle, starts_of(flight, LOOKED_AT_S, BETWEEN_WINDOWS_S), usual)
-        for flight in flights
+        Windows(LoggedState(item.flight), item, starts_of(item.flight, LOOKED_AT_S, BETWEEN_WINDOWS_S))
+        for item in each
     )
     count = sum(item.starts.samples.size for item in made)
     if count < FEWEST_WINDOWS or not all(item.starts.samples.size for item in made):

@@ -19,7 +19,17 @@ from eivor.motions.equation import STAYS, Term, parsed
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import dynamics, regression
 from eivor.motions.rigid_body.dynamics import into_body
-from eivor.motions.rigid_body.regression import DRAG, GAIN, PAIRS, PRODUCT, TERMS, THRUST, States, drives
+from eivor.motions.rigid_body.regression import (
+    DRAG,
+    GAIN,
+    PAIRS,
+    PRODUCT,
+    TERMS,
+    THRUST,
+    RotorStates,
+    States,
+    drives,
+)
 from eivor.motions.rigid_body.vehicle import KnownVehicle, inertia_shares
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.filters import time_derivative
@@ -92,13 +102,12 @@ def kinematics(
 class StatePropagator:
     """Rates of change of a body's state at the samples of a flight, by models side by side."""
 
-    logged: LoggedState  # With the rotors' commands, or their speeds
-    vehicle: KnownVehicle
+    logged: LoggedState
+    rotors: RotorStates
     models: Sequence[Values]  # Parameters and nuisances of each
     starts: motion.Starts
     turns: tuple[bool, ...] = (True, True, True)  # Axes that the rotors turn
     lifts: bool = True
-    usual: float = 0.0  # State of a rotor that damping and drag are for; zero for hover by the first model
 
     def __call__(
         self, body: Float[np.ndarray, "13 states"], now: Int[np.ndarray, " starts"]
@@ -130,14 +139,7 @@ class StatePropagator:
         """What terms are over beside rotors."""
         velocity = np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
         moved = zip((*regression.MOVED, *regression.RATES), (*velocity, *body[10:13]), strict=True)
-        return {**self.vehicle.numbers, **dict(moved), "speed": np.linalg.norm(velocity, axis=0)}
-
-    @cached_property
-    def _usual(self) -> float:
-        if self.usual:
-            return self.usual
-        flight, thrust = self.logged.flight, self.models[0].get(THRUST.name, 0.0)
-        return regression.hover_state(flight, self.vehicle, thrust) or regression.usual_state((flight,))
+        return {**self.rotors.vehicle.numbers, **dict(moved), "speed": np.linalg.norm(velocity, axis=0)}
 
     @cached_property
     def _terms(self) -> list[tuple[int, Term, Float[np.ndarray, " models"]]]:
@@ -186,9 +188,7 @@ class StatePropagator:
     @cached_property
     def _rotors(self) -> list[tuple[States, States]]:
         """At samples, and with means over steps of what drives."""
-        flight = self.logged.flight
-        states = regression.RotorStates(flight, self.vehicle, self._usual, flight.signals)
-        return [states.at(dict(path)) for path in self._nodes]
+        return [self.rotors.at(dict(path)) for path in self._nodes]
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 pairs n"]:
@@ -275,9 +275,12 @@ def rigid_body_prediction(
     def errors(number: int, starts: motion.Starts) -> Iterator[motion.HorizonErrors]:
         if len(omitted) == len(PREDICTED) or not starts.samples.size:
             return
-        body, thrust = logged[number].body, THRUST.name in identified
+        flight, body, thrust = flights[number], logged[number].body, THRUST.name in identified
+        hover = regression.hover_state(flight, vehicle, made[0].get(THRUST.name, 0.0))
+        usual = hover or regression.usual_state((flight,))
+        rotors = RotorStates(flight, vehicle, usual, flight.signals)
         started, measured = body[:, starts.samples], body[:, starts.ends].transpose(1, 0, 2)
-        propagator = StatePropagator(logged[number], vehicle, made, starts, turns, thrust)
+        propagator = StatePropagator(logged[number], rotors, made, starts, turns, thrust)
         states = dict(zip(models, propagator.propagate(started[:, None]), strict=True))
         still = np.zeros((3, starts.samples.size))
         states[motion.UNCHANGED] = starts.propagate(started, lambda now, _: kinematics(now, still, still))
