@@ -37,7 +37,6 @@ from eivor.errors import (
 )
 from eivor.estimation.bootstrap import bootstrap, pool_flights
 from eivor.estimation.linear import refined_nuisances
-from eivor.estimation.variable_projection import argmin
 from eivor.models.regression import SampleRows
 from flights.flight_logs import Noise, flights
 from flights.flight_logs import problem as flight_problem
@@ -296,17 +295,6 @@ def level_of_a_flight(level):
     of_a_flight().interval("viscous_friction", level)
 
 
-def search_that_never_settles():
-    """Least in the middle at first, then at the upper end of four boxes out of five."""
-    calls = iter(range(1000))
-
-    def moving(box):
-        (positions,), call = box, next(calls)
-        return np.abs(positions - positions.mean()) if call < 3 or call % 5 == 0 else -positions
-
-    argmin(moving, [np.linspace(-100.0, 100.0, 11)])
-
-
 RESAMPLED = nuisances.rows_of(np.arange(nuisances.ROWS), compensated=True)
 POOLED = replace(RESAMPLED, layout=SampleRows(np.arange(nuisances.ROWS) // 500))
 
@@ -430,7 +418,6 @@ NUISANCES = calls("nuisance", ParameterError,
 SEARCHES = calls("search", ConvergenceError,
     (lambda: fractional(TLS, model=NARROW), AT_END),
     (steps_that_never_end, "steps of order that end"),
-    (search_that_never_settles, "still moves after 100 boxes"),
 )  # fmt: skip
 ESTIMATES = calls("estimate", EstimationError,
     (lambda: identify(problem_of(3), M.regularised(BCLS)), SQUARE),

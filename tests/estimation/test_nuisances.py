@@ -14,7 +14,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 import eivor as ev
-from eivor.estimation import methods
+from eivor.estimation import methods, variable_projection
 from eivor.estimation.bootstrap import block_plan, bootstrap, pool_flights
 from eivor.estimation.linear import LinearMethod, Method
 from eivor.estimation.methods import extended_iv, least_squares, reference_iv
@@ -301,6 +301,18 @@ def test_of_two_valleys_the_deeper_one_is_searched():
 
 def test_nothing_to_search_is_one_place():
     assert argmin(lambda _: np.zeros(1), []).size == 0
+
+
+def test_a_search_follows_a_valley_that_is_askew_to_the_axes(monkeypatch):
+    def valley(box):
+        x, y = (part.ravel() for part in np.meshgrid(*box, indexing="ij"))
+        return (x - 3.7) ** 2 + 1e6 * (y - np.sin(x)) ** 2
+
+    grids = [np.linspace(0.0, 5.0, 11), np.linspace(-1.5, 1.5, 11)]
+    assert argmin(valley, grids) == pytest.approx([3.7, np.sin(3.7)], abs=1e-4)
+    monkeypatch.setattr(variable_projection, "EVALUATIONS", 20)
+    with pytest.raises(ev.errors.ConvergenceError, match="still moves after 20 evaluations"):
+        argmin(valley, grids)
 
 
 @pytest.mark.thorough

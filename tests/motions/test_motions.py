@@ -71,7 +71,7 @@ def added(monkeypatch):
     def add(**values):
         points = [EntryPoint(name, value, motions.GROUP) for name, value in values.items()]
         groups = {motions.GROUP: points}
-        monkeypatch.setattr(motions, "entry_points", lambda *, group: groups.get(group, []))
+        monkeypatch.setattr("importlib.metadata.entry_points", lambda *, group: groups.get(group, []))
         loaded_motion.cache_clear()
 
     yield add
@@ -190,7 +190,8 @@ def simulate(monkeypatch):
     monkeypatch.syspath_prepend(str(ROVER / "src"))
     monkeypatch.setattr(channels, "_TABLE", dict(channels.canonical_channels()))
     point = EntryPoint("rover", "eivor_rover:Rover", motions.GROUP)
-    monkeypatch.setattr(motions, "entry_points", lambda *, group: [point] if group == motions.GROUP else [])
+    by_group = {motions.GROUP: [point]}
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda *, group: by_group.get(group, []))
     loaded_motion.cache_clear()
     import simulate
 

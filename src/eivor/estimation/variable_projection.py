@@ -29,8 +29,8 @@ Objective = Callable[[Box], Float[np.ndarray, " points"]]
 MOST, LEAST, BOX_POINTS = 33, 5, 200
 #: The search ends where a box's points are so close, as a share of the first box.
 FINEST = 2.0**-17
-#: Boxes before a search is given up.
-BOX_ROUNDS = 100
+#: Boxes before a search goes on without them, and its evaluations then.
+BOX_ROUNDS, EVALUATIONS = 30, 1000
 
 
 def argmin(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
@@ -59,9 +59,36 @@ def argmin(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
             return position
         reach = np.where(at_edge, 1.0, 0.5) * (high - low) if at_edge.any() else spacing
         low, high = np.maximum(position - reach, bottom), np.minimum(position + reach, top)
-    expected = f"a search of {axes} variables that settles"
+    return _along_valley(objective, position, first, (bottom, top))
+
+
+def _along_valley(
+    objective: Objective,
+    start: Float[np.ndarray, " axes"],
+    unit: Float[np.ndarray, " axes"],
+    ends: tuple[Float[np.ndarray, " axes"], Float[np.ndarray, " axes"]],
+) -> Float[np.ndarray, " axes"]:
+    """Least value from a start, where boxes along the axes are too slow."""
+    from scipy.optimize import Bounds, minimize
+
+    inwards = np.where(start + 0.25 * unit > ends[1], -0.25, 0.25)
+    result = minimize(
+        lambda point: float(objective([*(point * unit)[:, None]])[0]),
+        start / unit,
+        method="Nelder-Mead",
+        bounds=Bounds(*(end / unit for end in ends)),
+        options={
+            "initial_simplex": start / unit + np.vstack([np.zeros_like(start), np.diag(inwards)]),
+            "xatol": FINEST,
+            "fatol": np.inf,
+            "maxfev": EVALUATIONS,
+        },
+    )
+    if result.success:
+        return np.asarray(result.x * unit)
+    expected = f"a search of {start.size} variables that settles"
     remedy = "Give narrower grids, or more exciting data."
-    raise ConvergenceError(expected, f"one that still moves after {BOX_ROUNDS} boxes", remedy)
+    raise ConvergenceError(expected, f"one that still moves after {result.nfev} evaluations", remedy)
 
 
 def _best_point(objective: Objective, box: Box) -> Int[np.ndarray, " axes"]:

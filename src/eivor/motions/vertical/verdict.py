@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -492,7 +492,8 @@ DELAY_HALF_WIDTH_S = 0.02
 
 def _term_rules(parameter: Parameter) -> tuple[verdict.Rule, ...]:
     leave_out = "Leave the term out, and what remains is identified more closely; or fly so that it shows."
-    limit, names = verdict.Limit(math.inf, zero=Status.REFUSED, away_from_zero=leave_out), (parameter.name,)
+    limit = replace(LIMITS[FRICTION], narrower=leave_out, away_from_zero=leave_out)
+    names = (parameter.name,)
     # of instruments that there are not, or are weak
     weak = verdict.flight_rules(WORDS, names, names, parameter.name)[:3]
     return (*weak, *limit.rules(parameter.name, QUANTITIES[parameter.name]))
