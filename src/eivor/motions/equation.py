@@ -251,9 +251,9 @@ class DeclaredMotion(motion.Motion[R]):
     grids: tuple[Sequence[float] | Float[np.ndarray, " _"], ...] = ()
     """Lags and delays to search [s]; those of `lag_and_delay` where there are none."""
 
-    def axes_of(self, flights: motion.Flights, _flight: PreparedFlight) -> Mapping[int, AxisEquation]:
-        """Equations of one of several flights, by number."""
-        return {self.axes.index(axis): axis for axis in logged_axes(self.axes, flights)}
+    def axes_of(self, flights: motion.Flights) -> Sequence[Mapping[int, AxisEquation]]:
+        """Equations of each flight, by number: those that all flights are logged for."""
+        return [{self.axes.index(axis): axis for axis in logged_axes(self.axes, flights)}] * len(flights)
 
     def signals(self, flight: PreparedFlight, axis: AxisEquation) -> Signals:
         """What an equation of a flight is evaluated over."""
@@ -264,7 +264,7 @@ class DeclaredMotion(motion.Motion[R]):
 
     def lagged_runs(self, flights: motion.Flights, rule: InstrumentRule) -> LaggedRuns:
         """Regressions of the equations for each lag and delay."""
-        by_flight = [self.axes_of(flights, flight) for flight in flights]
+        by_flight = self.axes_of(flights)
         logged = tuple(by_flight[0].values())
         steady = tuple(term.parameter for axis in logged for term in axis.terms if term.is_steady)
         behind = tuple(term.parameter for axis in logged for term in axis.terms if term.behind)

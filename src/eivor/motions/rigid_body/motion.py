@@ -415,8 +415,8 @@ class RigidBody(DeclaredMotion[LaggedRuns]):
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         return selected(log, options, self.known_vehicle)
 
-    def axes_of(self, flights: motion.Flights, flight: PreparedFlight) -> Mapping[int, AxisEquation]:
-        return regression.equations_of(flights, flight, self.known_vehicle)
+    def axes_of(self, flights: motion.Flights) -> Sequence[Mapping[int, AxisEquation]]:
+        return [*regression.equations_of(flights, self.known_vehicle)]
 
     def signals(self, _flight: PreparedFlight, axis: AxisEquation) -> Signals:
         return cast("regression.BodyEquation", axis).rotors.signals

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
@@ -328,11 +328,6 @@ def before(values: Float[np.ndarray, "*parts n"]) -> Float[np.ndarray, "*parts n
     return np.concatenate([values[..., :1], values[..., :-1]], axis=-1)
 
 
-def mean_over_step(values: Float[np.ndarray, "*parts n"]) -> Float[np.ndarray, "*parts n"]:
-    """Mean over the step that ends at each sample, of what is nearly straight within it."""
-    return 0.5 * (values + before(values))
-
-
 def change_over_step(values: Float[np.ndarray, "*parts n"], step_s: float) -> Float[np.ndarray, "*parts n"]:
     """Mean of the derivative over the step that ends at each sample, exactly."""
     return (values - before(values)) / step_s
@@ -393,7 +388,7 @@ class RotorStates:
     vehicle: KnownVehicle
     usual: float  # State of a rotor at hover, nearly, for which damping and drag are
     signals: Signals  # What no lag moves
-    #: Izz over Ixx and Iyy, by which what rotors that spin turn goes with their reaction; None without it
+    #: Izz over Ixx and Iyy, by which what rotors that spin turn goes with their reaction
     inertia_ratios: tuple[float, float] | None = None
     _last: tuple[Mapping[str, float], tuple[States, States]] | None = None
     predicted: RotorStates | None = None  # What references predict of the same
@@ -444,7 +439,7 @@ class BodyEquation(AxisEquation):
         results = super().columns(signals, texts, {**self.rotors.vehicle.numbers, **(states or {})}, delay_s)
         for text, column in zip(texts, results.T, strict=True):
             if self.turns and not (drives(text) or text in self.response):
-                column[:] = mean_over_step(column)
+                column[:] = 0.5 * (column + before(column))  # over the step that ends at each sample
             elif self._sensor is not None and text != self.response[0]:
                 column[:] = self._sensor(column)
         return results
@@ -476,21 +471,21 @@ class BodyEquation(AxisEquation):
 
 
 def equations_of(
-    flights: tuple[PreparedFlight, ...], flight: PreparedFlight, vehicle: KnownVehicle
-) -> dict[int, AxisEquation]:
-    """Equations of one of several flights, by number, with the terms that all flights are logged for."""
-    known = set.intersection(*({*item.signals.channels} for item in flights))
-    rotors = RotorStates(flight, vehicle, usual_state(flights), body_signals(flight))
+    flights: tuple[PreparedFlight, ...], vehicle: KnownVehicle
+) -> Iterator[dict[int, AxisEquation]]:
+    """Equations of each flight, by number, with the terms that all flights are logged for."""
+    known, usual = set.intersection(*({*item.signals.channels} for item in flights)), usual_state(flights)
     moves = {*NEEDED} <= known
-    results = dict[int, AxisEquation]()
-    for number, item in enumerate(EQUATIONS):
-        turns, along_z = number < FORCE_X_EQUATION, number == FORCE_Z_EQUATION
-        if turns or (item.response[0] in known and (moves or along_z)):
+    forces = [f"specific_force_body_{axis}" in known and (moves or axis == "z") for axis in ALONG]
+    declared = {}
+    for (number, item), logged in zip(enumerate(EQUATIONS), (True, True, True, *forces), strict=True):
+        if logged:
             terms = tuple(term for term in item.terms if moves or term.name not in BY_VELOCITY)
-            made = {**vars(item), "inputs": (flight.input.name,), "terms": terms}
-            made["response"] = item.response if moves else item.response[:1]
-            results[number] = BodyEquation(**made, rotors=rotors)
-    return results
+            declared[number] = {**vars(item), "terms": terms, "response": item.response[: 1 + moves]}
+    for flight in flights:
+        driven_by = {"inputs": (flight.input.name,)}
+        rotors = RotorStates(flight, vehicle, usual, body_signals(flight))
+        yield {number: BodyEquation(**item | driven_by, rotors=rotors) for number, item in declared.items()}
 
 
 def body_equation(axis_columns: lagged_runs.AxisColumns) -> BodyEquation:

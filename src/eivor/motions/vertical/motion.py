@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -280,8 +280,8 @@ class Vertical(DeclaredMotion[VerticalFlights]):
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         return select.selected(log, options)
 
-    def axes_of(self, _flights: motion.Flights, flight: PreparedFlight) -> Mapping[int, AxisEquation]:
-        return {0: regression.equation_of(flight, self.added)}
+    def axes_of(self, flights: motion.Flights) -> Sequence[Mapping[int, AxisEquation]]:
+        return [{0: regression.equation_of(flight, self.added)} for flight in flights]
 
     def signals(self, flight: PreparedFlight, _axis: AxisEquation) -> Signals:
         return regression.signals_of(flight, bool(self.added), self.rotor_radius, self.mean_voltage)
