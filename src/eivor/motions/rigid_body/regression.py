@@ -246,68 +246,43 @@ INSTRUMENT_DELAYS_S = (-0.02, 0.0, 0.02)
 UNLAGGED = {item.name for item in (*GYROSCOPIC_MOMENT, *ALL_DRAG_MOMENTS)}
 
 
-@dataclass(frozen=True)
-class AxisInstruments:
-    """Instruments of every equation of one flight: references with their lags, and what they predict."""
+def references(
+    flight: PreparedFlight, rule: separable.LaggedReferences, axis: int, lags: tuple[int, float]
+) -> Float[np.ndarray, "n p"]:
+    """References of an axis with their lags; those of no axis of turning are of height."""
+    turning = {source.channel: number for number, item in enumerate(AXES) for source in item.references}
+    names = tuple(name for name in rule.channels if turning.get(name, FORCE_Z_EQUATION) == axis)
+    still = np.zeros(flight.signals.sample_count)
+    return replace(rule, channels=names, lags=lags).columns(flight.signals, still)
 
-    rotors: RotorStates
-    rule: separable.LaggedReferences
 
-    def of_axis(self, axis: BodyEquation) -> Float[np.ndarray, "n p"]:
-        """Columns for one equation, some of them like columns of what its rotors do."""
-        if self.rotors.predicted is None:
-            self.rotors.predicted = self._predicted()
-        predicted, measured = self.rotors.predicted, self.rotors.flight.input.measured
-        if axis.turns:
-            kept = tuple(item for item in axis.terms if item.name not in UNLAGGED)
-            moving = Driven(replace(axis, rotors=predicted, terms=kept), predicted.signals)
-            names = lagged_runs.ACTUATOR_LAG.name, lagged_runs.DELAY.name
-            lags_s, delays_s = ((0.0,), INSTRUMENT_DELAYS_S) if measured else (INSTRUMENT_LAGS_S, (0.0,))
-            columns = [moving(dict(zip(names, at, strict=True))) for at in product(lags_s, delays_s)]
-        else:
-            columns = [self._references(*BY_AXIS[ALONG.index(axis.name)])]
-        texts = axis.instruments_of
-        if not {*NEEDED} <= {*predicted.signals.channels}:
-            texts = tuple(of for of in texts if {*MOVED, SPEED}.isdisjoint(parsed(of).columns))
-        # what is commanded, in place of states
-        spin = predicted.vehicle.arms[3] @ predicted.flight.signals.family(predicted.flight.input.name).T
-        given = {**predicted.vehicle.numbers, "spin": spin}
-        return np.column_stack([*columns, *(evaluated(parsed(of), predicted.signals, given) for of in texts)])
+def predicted(rotors: RotorStates, rule: separable.LaggedReferences) -> RotorStates:
+    """The same flight with predictions in place of its commands, rates and velocity."""
+    flight, arms = rotors.flight, rotors.vehicle.arms
+    signals, used, channels = flight.signals, flight.used, dict(flight.signals.channels)
 
-    def _references(self, axis: int, lags: tuple[int, float]) -> Float[np.ndarray, "n p"]:
-        """References of an axis with their lags; those of no axis of turning are of height."""
-        turning = {source.channel: number for number, item in enumerate(AXES) for source in item.references}
-        names = tuple(name for name in self.rule.channels if turning.get(name, FORCE_Z_EQUATION) == axis)
-        signals = self.rotors.flight.signals
-        return replace(self.rule, channels=names, lags=lags).columns(signals, np.zeros(signals.sample_count))
-
-    def _by_references(self, values: Series, axis: int, lags: tuple[int, float]) -> Series:
+    def says(values: Series, axis: int, lags: tuple[int, float]) -> Series:
         """Prediction by the references of one axis, within what the values were."""
-        used = self.rotors.flight.used
-        result = cross_fitted(self._references(axis, lags), values[:, None], used)[:, 0]
+        result = cross_fitted(references(flight, rule, axis, lags), values[:, None], used)[:, 0]
         return np.clip(result, values[used].min(), values[used].max()) if used.any() else result
 
-    def _predicted(self) -> RotorStates:
-        """The same flight with predictions in place of its commands, rates and velocity."""
-        flight, vehicle, says = self.rotors.flight, self.rotors.vehicle, self._by_references
-        signals, names = flight.signals, [axis.rate for axis in AXES]
-        turning = [(axis, QUICK) for axis in range(FORCE_X_EQUATION)]
-        # commands are put together of what lifts and what turns
-        logged = signals.family(flight.input.name)
-        shares = np.linalg.lstsq(vehicle.arms.T, logged.T, rcond=None)[0]
-        pairs = zip(shares, (BY_AXIS[2], *turning), strict=True)
-        used, selected = logged[flight.used], np.stack([says(share, *of) for share, of in pairs])
-        rotors = np.clip(vehicle.arms.T @ selected, used.min(), used.max())
-        channels = {**signals.channels, **dict(zip(flight.driving, rotors, strict=True))}
-        channels |= {n: says(signals.channel(n), *of) for n, of in zip(names, turning, strict=True)}
-        velocity = body_velocity(signals)
-        if velocity is not None:
-            pairs = zip(velocity.T, BY_AXIS, strict=True)
-            channels |= zip(VELOCITY, (says(along, *of) for along, of in pairs), strict=True)
-            for part in "wxyz":
-                channels[f"attitude_{part}"] = np.full(signals.sample_count, float(part == "w"))
-        flight = replace(flight, signals=replace(signals, channels=channels))
-        return replace(self.rotors, flight=flight, signals=body_signals(flight), _last=None)
+    turning = [(axis, QUICK) for axis in range(FORCE_X_EQUATION)]
+    # commands are put together of what lifts and what turns
+    logged = signals.family(flight.input.name)
+    shares = zip(np.linalg.lstsq(arms.T, logged.T, rcond=None)[0], (BY_AXIS[2], *turning), strict=True)
+    commands = arms.T @ np.stack([says(share, *of) for share, of in shares])
+    commands = np.clip(commands, logged[used].min(), logged[used].max())
+    channels |= zip(flight.driving, commands, strict=True)
+    rates = zip((axis.rate for axis in AXES), turning, strict=True)
+    channels |= {name: says(signals.channel(name), *of) for name, of in rates}
+    velocity = body_velocity(signals)
+    if velocity is not None:
+        pairs = zip(velocity.T, BY_AXIS, strict=True)
+        channels |= zip(VELOCITY, (says(along, *of) for along, of in pairs), strict=True)
+        for part in ATTITUDE:
+            channels[part] = np.full(signals.sample_count, float(part == ATTITUDE[0]))
+    flight = replace(flight, signals=replace(signals, channels=channels))
+    return replace(rotors, flight=flight, signals=body_signals(flight), _last=None)
 
 
 #: Sums over the rotors by name.
@@ -465,9 +440,27 @@ class BodyEquation(AxisEquation):
         return FROM_HZ if inferred else low, min(high, BAND_SHARE * slowest)
 
     def instruments(self, signals: Signals, rule: separable.InstrumentRule, others: set[str]) -> np.ndarray:
-        if isinstance(rule, separable.LaggedReferences):
-            return AxisInstruments(self.rotors, rule).of_axis(self)
-        return super().instruments(signals, rule, others)
+        """Columns by references, some of them like columns of what the rotors do."""
+        if not isinstance(rule, separable.LaggedReferences):
+            return super().instruments(signals, rule, others)
+        if self.rotors.predicted is None:
+            self.rotors.predicted = predicted(self.rotors, rule)
+        rotors, flight = self.rotors.predicted, self.rotors.flight
+        if self.turns:
+            kept = tuple(item for item in self.terms if item.name not in UNLAGGED)
+            moving = Driven(replace(self, rotors=rotors, terms=kept), rotors.signals)
+            names, measured = (lagged_runs.ACTUATOR_LAG.name, lagged_runs.DELAY.name), flight.input.measured
+            lags_s, delays_s = ((0.0,), INSTRUMENT_DELAYS_S) if measured else (INSTRUMENT_LAGS_S, (0.0,))
+            columns = [moving(dict(zip(names, at, strict=True))) for at in product(lags_s, delays_s)]
+        else:
+            columns = [references(flight, rule, *BY_AXIS[ALONG.index(self.name)])]
+        texts = self.instruments_of
+        if not {*NEEDED} <= {*rotors.signals.channels}:
+            texts = tuple(of for of in texts if {*MOVED, SPEED}.isdisjoint(parsed(of).columns))
+        # what is commanded, in place of states
+        spin = rotors.vehicle.arms[3] @ rotors.flight.signals.family(flight.input.name).T
+        given = {**rotors.vehicle.numbers, "spin": spin}
+        return np.column_stack([*columns, *(evaluated(parsed(of), rotors.signals, given) for of in texts)])
 
 
 def equations_of(
