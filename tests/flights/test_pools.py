@@ -105,6 +105,21 @@ def test_common_and_separate_are_what_they_say(alike):
     assert [finding.name for finding in separate.findings].count("flights_differ") == 1
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_pool_without_a_solution_is_refused(alike, monkeypatch):
+    """No common friction stands in: it would be identified, though flights may differ."""
+
+    def fails(*_, **__):
+        raise ev.errors.ConvergenceError("a search that settles", "one that still moves", "Log more.")
+
+    monkeypatch.setattr("eivor.flights.pooling.pooled", fails)
+    fit = ev.identify_flight([flight.recording for flight in alike.prepared])
+    assert fit.verdict.status is ev.Status.REFUSED
+    assert "no solution with viscous friction of each flight" in fit.verdict.sentences[0]
+    assert "--pool-friction common" in fit.verdict.reasons[0].remedy
+
+
 class Laden(Vertical):
     """The same motion of a vehicle whose load is another one in each flight, in air that is not."""
 
