@@ -41,7 +41,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_995, "lines of tests": 35_711}
+PROJECT_BOUNDS = {"lines of `validation/`": 8_995, "lines of tests": 35_726}
 
 
 def lint_imports(source):
