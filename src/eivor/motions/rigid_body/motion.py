@@ -32,13 +32,7 @@ from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import NOT_NEGATIVE, refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.predict import rigid_body_prediction
-from eivor.motions.rigid_body.regression import (
-    AT_HOVER,
-    BAND_SHARE,
-    FORCE_X_EQUATION,
-    TABLES,
-    noisier,
-)
+from eivor.motions.rigid_body.regression import AT_HOVER, BAND_SHARE, FORCE_X_EQUATION, TABLES, noisier
 from eivor.motions.rigid_body.vehicle import KnownVehicle, load_vehicle, shipped_vehicles, vehicle_from_record
 from eivor.motions.vertical.select import TABLES as HEIGHT
 from eivor.signals.recording import Channel, Finding, Recording

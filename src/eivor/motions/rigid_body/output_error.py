@@ -15,18 +15,10 @@ from eivor.flights.motion import Flights, Starts, starts_of
 from eivor.inference.covariance import CovariancePart, JointCovariance
 from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, DELAY, LaggedRuns
 from eivor.models.separable import Values
+from eivor.motions.rigid_body import regression
 from eivor.motions.rigid_body.dynamics import turned, vector_part
 from eivor.motions.rigid_body.predict import LoggedState, StatePropagator
-from eivor.motions.rigid_body.regression import (
-    DAMPING,
-    DRAG,
-    GAIN,
-    OFFSET,
-    QUADRATIC_DRAG,
-    THRUST,
-    RotorStates,
-    body_equation,
-)
+from eivor.motions.rigid_body.regression import DAMPING, DRAG, GAIN, OFFSET, QUADRATIC_DRAG, THRUST
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.recording import Finding
 from eivor.tools import Float, Int
@@ -78,7 +70,7 @@ class Windows:
     """Windows of one flight, side by side."""
 
     logged: LoggedState
-    rotors: RotorStates
+    rotors: regression.RotorStates
     starts: Starts
 
     @cached_property
@@ -243,8 +235,10 @@ def minimised(start: Structure, *, tolerance: float = TOLERANCE) -> Minimum:
 
 def flight_windows(problem: LaggedRuns, flights: Flights) -> tuple[Windows, ...]:
     """Windows of every flight."""
-    rotors = body_equation(problem.columns[0]).rotors
-    each = [RotorStates(flight, rotors.vehicle, rotors.usual, flight.signals) for flight in flights]
+    rotors = regression.body_equation(problem.columns[0]).rotors
+    each = [
+        regression.RotorStates(flight, rotors.vehicle, rotors.usual, flight.signals) for flight in flights
+    ]
     made = tuple(
         Windows(LoggedState(item.flight), item, starts_of(item.flight, LOOKED_AT_S, BETWEEN_WINDOWS_S))
         for item in each

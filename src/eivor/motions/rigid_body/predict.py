@@ -17,19 +17,9 @@ from eivor.models.lagged_runs import actuators
 from eivor.models.separable import Values
 from eivor.motions.equation import STAYS, Term, parsed
 from eivor.motions.rates.motion import AXES
-from eivor.motions.rigid_body import dynamics, regression
+from eivor.motions.rigid_body import compatibility, dynamics, regression
 from eivor.motions.rigid_body.dynamics import into_body
-from eivor.motions.rigid_body.regression import (
-    DRAG,
-    GAIN,
-    PAIRS,
-    PRODUCT,
-    TERMS,
-    THRUST,
-    RotorStates,
-    States,
-    drives,
-)
+from eivor.motions.rigid_body.regression import DRAG, GAIN, TERMS, THRUST, RotorStates, States, drives
 from eivor.motions.rigid_body.vehicle import KnownVehicle, inertia_shares
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.filters import time_derivative
@@ -46,17 +36,18 @@ class LoggedState:
     @cached_property
     def turns(self) -> bool:
         """Whether the attitude is logged."""
-        return self._has(dynamics.ATTITUDE)
+        return compatibility.logged(self.flight.recording, dynamics.ATTITUDE)
 
     @cached_property
     def moves(self) -> bool:
         """Whether velocity and attitude are."""
-        return self.turns and self._has(dynamics.VELOCITY)
+        return self.turns and compatibility.logged(self.flight.recording, dynamics.VELOCITY)
 
     @property
     def placed(self) -> tuple[int, ...]:
         """Axes along which the position is logged, from 0."""
-        return tuple(axis for axis, name in enumerate(dynamics.POSITION) if self._has((name,)))
+        log, names = self.flight.recording, enumerate(dynamics.POSITION)
+        return tuple(axis for axis, name in names if compatibility.logged(log, (name,)))
 
     @cached_property
     def body(self) -> Float[np.ndarray, "13 n"]:
@@ -73,10 +64,6 @@ class LoggedState:
             body[6:10] /= np.where(length > 0.0, length, 1.0)
         body[10:13] = [self.flight.signals.channel(axis.rate) for axis in AXES]
         return body
-
-    def _has(self, names: tuple[str, ...]) -> bool:
-        known = self.flight.recording.channels
-        return all(name in known and np.isfinite(known[name].values).any() for name in names)
 
     def _channel(self, name: str) -> Float[np.ndarray, " n"]:
         """Values on the grid; those that the motion did not select are NaN where they stand on nothing."""
@@ -157,12 +144,14 @@ class StatePropagator:
     @cached_property
     def _coupled(self) -> Callable[[States, np.ndarray], np.ndarray] | None:
         """What turning is where axes are coupled by products of inertia; None of models without."""
-        products = np.array([[item.get(entry.name, 0.0) for item in self.models] for entry in PRODUCT])
+        products = np.array(
+            [[item.get(entry.name, 0.0) for item in self.models] for entry in regression.PRODUCT]
+        )
         if not products.any():
             return None
         shares = np.array([inertia_shares(item) for item in self.models])
         inverse, count = np.tile(np.eye(3), (len(self.models), 1, 1)), self.starts.samples.size
-        for pair, (i, j) in enumerate(PAIRS):
+        for pair, (i, j) in enumerate(regression.PAIRS):
             inverse[:, i, j], inverse[:, j, i] = shares[:, i] * products[pair], shares[:, j] * products[pair]
         coupling, of_starts = np.linalg.inv(inverse), np.repeat(products, count, axis=1)
         scaled = np.repeat(shares.T, count, axis=1)
