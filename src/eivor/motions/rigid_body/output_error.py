@@ -236,9 +236,7 @@ def minimised(start: Structure, *, tolerance: float = TOLERANCE) -> Minimum:
 def flight_windows(problem: LaggedRuns, flights: Flights) -> tuple[Windows, ...]:
     """Windows of every flight."""
     rotors = regression.body_equation(problem.columns[0]).rotors
-    each = [
-        regression.RotorStates(flight, rotors.vehicle, rotors.usual, flight.signals) for flight in flights
-    ]
+    each = [replace(rotors, flight=item, signals=item.signals, _last=None) for item in flights]
     made = tuple(
         Windows(LoggedState(item.flight), item, starts_of(item.flight, LOOKED_AT_S, BETWEEN_WINDOWS_S))
         for item in each

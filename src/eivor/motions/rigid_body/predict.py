@@ -144,9 +144,7 @@ class StatePropagator:
     @cached_property
     def _coupled(self) -> Callable[[States, np.ndarray], np.ndarray] | None:
         """What turning is where axes are coupled by products of inertia; None of models without."""
-        products = np.array(
-            [[item.get(entry.name, 0.0) for item in self.models] for entry in regression.PRODUCT]
-        )
+        products = np.array([[item.get(p.name, 0.0) for item in self.models] for p in regression.PRODUCT])
         if not products.any():
             return None
         shares = np.array([inertia_shares(item) for item in self.models])
