@@ -185,7 +185,7 @@ def on_grid(channel: Channel, grid: Grid, between: Between = line_between) -> tu
     if not finite.any():
         return np.zeros(grid.count), np.zeros(grid.count, dtype=np.bool_)
     if channel.held:
-        return _held(channel, finite, grid)
+        return _held(channel, channel.values, grid)
     time, values, t = channel.time_s[finite], channel.values[finite], grid.time_s
     averaged = time.size > 1 and channel.rate_hz > AVERAGED_FROM / grid.step_s
     series = _averaged(time, values, grid) if averaged else between(time, values, t)
@@ -211,27 +211,42 @@ def _inside(intervals: list[tuple[float, float]], t: Series) -> Mask:
     return np.asarray((interval >= 0) & (t < ends[np.maximum(interval, 0)]))
 
 
-def _held(channel: Channel, finite: Bool[np.ndarray, " m"], grid: Grid) -> tuple[Series, Mask]:
+def _held(
+    channel: Channel, values: Float[np.ndarray, "*k m"], grid: Grid
+) -> tuple[Float[np.ndarray, "*k n"], Mask]:
+    """What is in force at each sample, of the values of a channel or of others at its stamps."""
+    finite = np.isfinite(channel.values)
     index = np.searchsorted(channel.time_s, grid.time_s + SAME_TIME_S, side="right") - 1
     last_finite = np.maximum.accumulate(np.where(finite, np.arange(finite.size), -1))
     source = np.where(index >= 0, last_finite[np.maximum(index, 0)], -1)
     first = int(np.argmax(finite))
-    values = channel.values[np.where(source >= 0, source, first)]
-    return values, (index >= 0) & finite[np.maximum(index, 0)]
+    return values[..., np.where(source >= 0, source, first)], (index >= 0) & finite[np.maximum(index, 0)]
 
 
 def command_on_grid(channel: Channel, grid: Grid) -> tuple[Series, Mask]:
     """Values of a command on the grid, and where they stand on data that its actuator remembers."""
-    series, good = _mean_in_force(channel, grid) if channel.held else on_grid(channel, grid)
+    is_held = channel.held and np.isfinite(channel.values).any()
+    series, good = _mean_in_force(channel, channel.values, grid) if is_held else on_grid(channel, grid)
     # without its gaps and the time that the actuator needs to forget them
     broken, wait = ~good | _inside(channel.gaps(), grid.time_s), int(np.ceil(RECOVERY_S / grid.step_s))
     total = np.concatenate([np.zeros(wait + 1, dtype=np.int64), np.cumsum(broken)])
     return series, total[wait + 1 :] - total[: grid.count] == 0
 
 
-def _mean_in_force(channel: Channel, grid: Grid) -> tuple[Series, Mask]:
-    """Mean of a held channel over the step that begins at each sample."""
-    in_force, good = on_grid(channel, grid)
+def courses_on_grid(
+    command: Channel, courses: Float[np.ndarray, "k m"], grid: Grid
+) -> Float[np.ndarray, "k n"]:
+    """Courses of a command at its stamps, each as the command itself would be on the grid."""
+    if not command.held:
+        return np.stack([on_grid(replace(command, values=course), grid)[0] for course in courses])
+    return _mean_in_force(command, courses, grid)[0]
+
+
+def _mean_in_force(
+    channel: Channel, values: Float[np.ndarray, "*k m"], grid: Grid
+) -> tuple[Float[np.ndarray, "*k n"], Mask]:
+    """Mean of a held channel, or of other values at its stamps, over the step that begins at each sample."""
+    in_force, good = _held(channel, values, grid)
     time, t, step = channel.time_s, grid.time_s, grid.step_s
     # stamps inside the step that begins at a sample are first .. last - 1
     first = np.searchsorted(time, t + SAME_TIME_S, side="right")
@@ -241,12 +256,13 @@ def _mean_in_force(channel: Channel, grid: Grid) -> tuple[Series, Mask]:
         return in_force, good
     first, last, begin = first[inside], last[inside], t[inside]
     finite = np.isfinite(channel.values)
-    values, lost = np.where(finite, channel.values, 0.0), np.concatenate([[0], np.cumsum(~finite)])
+    values, lost = np.where(finite, values, 0.0), np.concatenate([[0], np.cumsum(~finite)])
     # between two stamps of one step lies less than a step, so that sums over hours stay small
-    area = np.concatenate([[0.0], np.cumsum(values[:-1] * np.minimum(np.diff(time), step))])
-    whole = in_force[inside] * (time[first] - begin) + area[last - 1] - area[first]
-    whole += values[last - 1] * (begin + step - time[last - 1])
-    in_force[inside] = whole / step
+    area = np.zeros(values.shape)
+    np.cumsum(values[..., :-1] * np.minimum(np.diff(time), step), axis=-1, out=area[..., 1:])
+    whole = in_force[..., inside] * (time[first] - begin) + area[..., last - 1] - area[..., first]
+    whole += values[..., last - 1] * (begin + step - time[last - 1])
+    in_force[..., inside] = whole / step
     good[inside] = lost[last] == lost[first]
     return in_force, good
 

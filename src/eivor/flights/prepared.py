@@ -14,7 +14,7 @@ from eivor import errors
 from eivor.errors import EstimationError, InputError
 from eivor.estimation.methods import identify, reference_iv
 from eivor.flights import grid as grids
-from eivor.flights.grid import Active, Between, Grid, airborne_by_log, around, command_on_grid, curve_between
+from eivor.flights.grid import Active, Between, Grid, airborne_by_log, around, courses_on_grid, curve_between
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import PlotData
 from eivor.flights.references import NoiseLevel, Reference
@@ -408,8 +408,7 @@ class PreparedFlight:
             near = slice(*np.searchsorted(command.time_s, ends).tolist())
             part = replace(command, time_s=command.time_s[near], values=command.values[near])
             made = (*rate_limited(part.values, part.time_s, rates), *np.minimum(part.values, levels[:, None]))
-            each = [command_on_grid(replace(part, values=row), self.grid)[0] for row in made]
-            return np.stack(each, axis=1)
+            return courses_on_grid(part, np.stack(made), self.grid).T
 
         return np.stack([on_grid(command) for command in self.issued], axis=1)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
 from math import inf
 
@@ -282,6 +281,8 @@ class SignPerturbedShape(RegionShape):
 
 def excluded_sums(level: float, sums: int) -> int:
     """Return q such that 1 - q/m is the level."""
+    from fractions import Fraction  # late: few sets are counted
+
     excluded = (1 - Fraction(level).limit_denominator(10**6)) * sums
     if not (0.0 < level < 1.0 and excluded.denominator == 1 and 1 <= excluded < sums):
         expected = "a level between 0 and 1 of which (1 - level) times the number of sums is a whole number"

@@ -6,7 +6,6 @@ import os
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import chain, islice
 from typing import TypeVar
@@ -46,6 +45,11 @@ def made_ahead(make: Callable[[Block], Made], blocks: Iterable[Block]) -> Iterat
     if len(first) < THREADED_FROM:
         yield from map(make, first)
         return
+    from concurrent.futures import (
+        Future,
+        ThreadPoolExecutor,
+    )  # with what logs, which short records do without
+
     workers = os.cpu_count() or 1
     with ThreadPoolExecutor(workers) as pool:
         waiting: deque[Future[Made]] = deque()

@@ -281,6 +281,6 @@ def rate_limited(
     at, most = values[rows], step[rows][:, None] * limits[:, None]
     state, results = np.broadcast_to(at[0], most.shape[1:]), np.empty(most.shape)
     for k in range(2 * block):
-        state = state + np.minimum(np.maximum(at[k] - state, -most[k]), most[k])
-        results[k] = state
+        np.maximum(at[k], state - most[k], out=results[k])
+        state = np.minimum(results[k], state + most[k], out=results[k])
     return results[block:].transpose(1, 2, 0).reshape(limits.size, rows.shape[1] * block)[:, : values.size]

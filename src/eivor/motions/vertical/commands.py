@@ -21,6 +21,7 @@ from eivor.motions.vertical.regression import FORCE, Balance, Linear, VerticalFl
 from eivor.motions.vertical.select import FittedCurve
 from eivor.signals.channels import CurveSide, common_side
 from eivor.signals.filters import actuator_state
+from eivor.signals.noise import fast_length
 from eivor.signals.recording import Finding
 from eivor.signals.thrust_map import InputMap, Power, input_map
 from eivor.tools import Float
@@ -73,7 +74,7 @@ def _gains(flight: PreparedFlight, limits: Sequence[CommandLimit]) -> Float[np.n
 
     logged = rows(signals.family(flight.input.name))
     whitening = _whitening(_residual(logged), max(int(MEMORY_S / step_s), 1))
-    length = 1 << (logged.shape[1] + whitening.size).bit_length()
+    length = fast_length(logged.shape[1] + whitening.size)
     transfer = np.fft.rfft(whitening, length)
 
     def squares(of: Float[np.ndarray, "c n"]) -> Float[np.ndarray, " blocks"]:
