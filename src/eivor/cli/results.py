@@ -16,9 +16,7 @@ from eivor.cli.parsing import result_of
 from eivor.errors import UsageError
 from eivor.flights.result import LogEstimate
 from eivor.report.document import Facts, Section
-from eivor.report.figures import save_figure
 from eivor.report.flight import log_documents
-from eivor.report.flight_figures import flight_figure
 from eivor.report.terminal import on_terminal
 
 
@@ -28,7 +26,7 @@ def figure_part(path: Path | None, make: Callable[[], Any]) -> Callable[[], None
     def draw() -> None:
         if path is not None:
             with cli.step(f"Drawing {path.name}"), cli.writing(path):
-                save_figure(make(), path)
+                resolve_name("eivor.report.figures:save_figure")(make(), path)
 
     return draw
 
@@ -55,7 +53,7 @@ def identify(typed: SimpleNamespace) -> cli.ExitCode:
         lambda: on_terminal(*log_documents(result, card=typed.card)),
         result.to_json,
         typed.json,
-        figure_part(picture, lambda: flight_figure(result.drawn)),
+        figure_part(picture, lambda: resolve_name("eivor.report.flight_figures:flight_figure")(result.drawn)),
         *([partial(write_page, result, typed.html)] if typed.html else []),
         *([partial(_write_residuals, result, Path(typed.residuals))] if typed.residuals else []),
     )
