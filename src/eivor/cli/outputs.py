@@ -9,7 +9,6 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
 from enum import IntEnum
 from fnmatch import fnmatchcase
 from functools import partial, wraps
@@ -65,15 +64,13 @@ def fleet_paths(text: str) -> Iterable[Path]:
     return _files_in(Path(text), (*FLEET_FILES, *FLEET_PARTS))
 
 
-@dataclass(frozen=True, slots=True)
-class Reads:
+class Reads(msgspec.Struct, frozen=True):
     """Declares that a parameter names what the command reads: the guard of outputs protects it."""
 
     paths: Callable[[str], Iterable[Path]] = lambda text: [Path(text)]
 
 
-@dataclass(frozen=True, slots=True)
-class Writes:
+class Writes(msgspec.Struct, frozen=True):
     """Declares that a parameter names a file that the command writes, or a folder of such files."""
 
     inside: tuple[str, ...] = ()  # Patterns of the files that are written into the folder

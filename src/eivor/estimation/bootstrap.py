@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 import scipy
 
@@ -32,8 +33,7 @@ FINEST_ATOMS = 4096
 NEGLIGIBLE = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class BlockPlan:
+class BlockPlan(msgspec.Struct, frozen=True):
     """Rows in atoms, and atoms in blocks of one length, the record joined end to start."""
 
     rows: int

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement, pairwise
 from typing import TypeGuard
 
+import msgspec
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
@@ -423,8 +424,7 @@ def _other_kind(expected: str, moments: Moments) -> UsageError:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class FittedNoise:
+class FittedNoise(msgspec.Struct, frozen=True):
     """A noise whose spectrum is strength^2 |difference|^(2 order)."""
 
     of: str

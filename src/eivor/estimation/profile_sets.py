@@ -9,6 +9,7 @@ from itertools import repeat
 from math import inf
 from typing import cast
 
+import msgspec
 import numpy as np
 import scipy
 
@@ -428,8 +429,7 @@ class ParameterSets:
         return union if self.conditional is None else self.conditional
 
 
-@dataclass(frozen=True, slots=True)
-class _Part:
+class _Part(msgspec.Struct, frozen=True):
     """What some equations say of the nuisances."""
 
     criterion: Criterion

@@ -6,6 +6,7 @@ import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import msgspec
 import numpy as np
 
 from eivor.errors import EstimationError, WeakInstrumentsWarning
@@ -28,8 +29,7 @@ Matrix = Float[np.ndarray, "n m"]
 GENERALIZED_IV = LinearMethod("generalized_iv", Compensated(), AugmentedLeastSquares())
 
 
-@dataclass(frozen=True)
-class Pilot:
+class Pilot(msgspec.Struct, frozen=True):
     """Start of a search."""
 
     motion: sampling.SampledMotion

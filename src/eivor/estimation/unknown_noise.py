@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 
+import msgspec
 import numpy as np
 import scipy
 from numpy.polynomial.chebyshev import chebder, chebfit, chebpts1, chebval
@@ -93,8 +94,7 @@ DEGREE = 14
 FIRST_ORDER = -0.1
 
 
-@dataclass(frozen=True, slots=True)
-class UnknownNoise:
+class UnknownNoise(msgspec.Struct, frozen=True):
     """Noise of one channel."""
 
     channel: str

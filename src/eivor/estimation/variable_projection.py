@@ -9,6 +9,7 @@ from functools import cached_property, partial
 from itertools import product
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 
 from eivor.errors import ConvergenceError
@@ -124,8 +125,7 @@ class NuisanceProfile:
 Minimum = tuple[dict[str, float], Solution, tuple[NuisanceProfile, ...]]
 
 
-@dataclass(frozen=True, slots=True)
-class Trial:
+class Trial(msgspec.Struct, frozen=True):
     """The objective at one point."""
 
     point: Point
@@ -368,8 +368,7 @@ class NodeAxis:
         return CubicSpline(self.nodes, np.eye(self.nodes.size))
 
 
-@dataclass(frozen=True)
-class Nodes:
+class Nodes(msgspec.Struct, frozen=True):
     """Product of the nodes of several nuisances; one node for none."""
 
     axes: tuple[NodeAxis, ...]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from eivor.errors import UsageError
@@ -18,8 +18,7 @@ from eivor.signals.thrust_map import InputMap, Mixed, Power
 HOVER, CURVE, HOVER_WORDS = "hover_input", "thrust_curve", "hover throttle"
 
 
-@dataclass(frozen=True, slots=True)
-class Autopilot:
+class Autopilot(msgspec.Struct, frozen=True):
     """What an autopilot calls hover and thrust curve."""
 
     name: str
@@ -160,8 +159,7 @@ def mission_planner(comments: Iterable[str], values: Mapping[str, float]) -> str
 PARAMETERS = frozenset(item.name for pilot in (PX4, ARDUPILOT) for item in (pilot.hover, pilot.curve))
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterChange:
+class ParameterChange(msgspec.Struct, frozen=True):
     """A parameter that a log has, beside what a result says of it."""
 
     parameter: vertical.AutopilotParameter

@@ -7,6 +7,8 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import msgspec
+
 from eivor import checks
 from eivor.errors import NotIdentifiedError, UsageError
 from eivor.flights.quantity import Quantity
@@ -237,8 +239,7 @@ class Exported:
     lost: tuple[str, ...] = ()  # What is identified and the target cannot hold
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
+class Target(msgspec.Struct, frozen=True):
     """A file format of those who use the numbers."""
 
     name: str  # Its word on the command line

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, floor
 
+import msgspec
 import numpy as np
 
 from eivor.errors import InputError
@@ -78,8 +79,7 @@ LONGEST_S = 6 * 3600.0
 FURTHEST_S = 1e12
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(msgspec.Struct, frozen=True):
     """Sample times ``start_s + k * step_s``, for every k of the pieces."""
 
     start_s: float  # Time of k = 0 [s]

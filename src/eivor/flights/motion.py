@@ -234,8 +234,7 @@ class LogChannels:
     vehicle_parameters: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class VehicleSupport:
+class VehicleSupport(msgspec.Struct, frozen=True):
     """A motion that depends on a description of the vehicle."""
 
     #: The motion of a vehicle, by the name of a shipped one or a file; None where all vehicles are alike
@@ -321,8 +320,7 @@ class Abilities:
     coupled_axes: tuple[CoupledAxis, ...] = ()  # Quantities that other motions identify, with this lag
 
 
-@dataclass(frozen=True)
-class FlightView:
+class FlightView(msgspec.Struct, frozen=True):
     """A flight in reports."""
 
     symbols: str  # What the symbols of the equation are in this flight
@@ -374,8 +372,7 @@ class Motion(ABC, Generic[P]):
         """Return what a report shows of a flight."""
 
 
-@dataclass(frozen=True)
-class MotionTables:
+class MotionTables(msgspec.Struct, frozen=True):
     """What users read of a motion, and what it reads of logs: the file beside its code."""
 
     equation: tuple[str, str]

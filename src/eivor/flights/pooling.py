@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 
 from eivor import checks
@@ -171,8 +172,7 @@ def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> I
         )
 
 
-@dataclass(frozen=True)
-class Member:
+class Member(msgspec.Struct, frozen=True):
     """A flight of a pool."""
 
     logged: PreparedFlight

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
+import msgspec
 import numpy as np
 
 from eivor.inference.verdict import Reason, Status, Verdict
@@ -16,8 +17,7 @@ from eivor.models.separable import Prior
 from eivor.tools import Float
 
 
-@dataclass(frozen=True, slots=True)
-class Covariate:
+class Covariate(msgspec.Struct, frozen=True):
     """What a quantity goes with."""
 
     name: str  # Column of a fleet's table
@@ -48,8 +48,7 @@ class Counts(Enum):
     FACTOR = "factor"  # The interval is so many times as long, before anything else is added
 
 
-@dataclass(frozen=True, slots=True)
-class SystematicUncertainty:
+class SystematicUncertainty(msgspec.Struct, frozen=True):
     """What one systematic cause may do to a quantity."""
 
     counts: Counts
@@ -80,8 +79,7 @@ def widened(
     return low, high
 
 
-@dataclass(frozen=True, slots=True)
-class CoupledAxis:
+class CoupledAxis(msgspec.Struct, frozen=True):
     """A quantity of another motion of the same flight that belongs to a motion's result."""
 
     motion: str
@@ -139,8 +137,7 @@ class PredictedQuantity:
     predicted: Float[np.ndarray, " samples"]
 
 
-@dataclass(frozen=True, slots=True)
-class KeyFigure:
+class KeyFigure(msgspec.Struct, frozen=True):
     """A number of flights that is no quantity of the motion: it has no verdict, and decides nothing."""
 
     name: str
@@ -151,8 +148,7 @@ class KeyFigure:
     sentence: str = ""  # What it means, or holds for
 
 
-@dataclass(frozen=True, slots=True)
-class SimpleModel:
+class SimpleModel(msgspec.Struct, frozen=True):
     """Numbers that a simpler way of looking at the same flight gives, to be held against an estimate."""
 
     words: str
@@ -183,8 +179,7 @@ class PlotData:
     reference: Float[np.ndarray, " n"] | None = None  # What was requested of the vehicle, in the same unit
 
 
-@dataclass(frozen=True)
-class TrackedParameter:
+class TrackedParameter(msgspec.Struct, frozen=True):
     """A parameter that is followed over a flight, and the rows that identify it."""
 
     name: str
@@ -232,8 +227,7 @@ class Words:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class CardSection:
+class CardSection(msgspec.Struct, frozen=True):
     """One part of a flight card."""
 
     title: str  # A few words

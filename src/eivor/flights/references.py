@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import msgspec
 import numpy as np
 
 from eivor.errors import MissingNoiseError, UsageError, did_you_mean
@@ -27,8 +28,7 @@ COMBS = 24
 Declared = float | DataSheet
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseLevel:
+class NoiseLevel(msgspec.Struct, frozen=True):
     """Noise of one channel."""
 
     std: float  # Standard deviation on the grid, in the channel's unit
@@ -182,8 +182,7 @@ CONSTANT_SHARE = 1e-6
 CONSTANT = "constant"
 
 
-@dataclass(frozen=True, slots=True)
-class ReferenceSource:
+class ReferenceSource(msgspec.Struct, frozen=True):
     """A channel that a motion offers as an instrument."""
 
     channel: str  # Name

@@ -10,6 +10,7 @@ from functools import cache, cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
 from eivor import checks
@@ -213,8 +214,7 @@ def flight_findings(prepared: tuple[PreparedFlight, ...], words: quantity.Words)
             yield Finding("saturation", limit)
 
 
-@dataclass(frozen=True, slots=True)
-class FlightRow:
+class FlightRow(msgspec.Struct, frozen=True):
     """One flight's result beside that of a pool, or one method's beside the chosen one."""
 
     label: str  # Log or method

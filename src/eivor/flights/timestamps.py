@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+import msgspec
 import numpy as np
 
 from eivor.errors import UsageError
@@ -170,8 +171,7 @@ NOMINAL = 1.2
 MORE_OFTEN = 0.7
 
 
-@dataclass(frozen=True, slots=True)
-class Clock:
+class Clock(msgspec.Struct, frozen=True):
     """When a command was logged and when it was issued."""
 
     logged_s: float

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+import msgspec
+
 from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG, LagPrior
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
 from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SystematicUncertainty, Words
@@ -29,8 +31,7 @@ LEAST_FACTOR = 0.02
 SLOW_COMMAND_HZ = 45.0
 
 
-@dataclass(frozen=True, slots=True)
-class Instruments:
+class Instruments(msgspec.Struct, frozen=True):
     """Instruments of a method."""
 
     rule: InstrumentRule
@@ -157,8 +158,7 @@ NEGLIGIBLE = 1e-3
 DOUBTFUL = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class SystematicPart:
+class SystematicPart(msgspec.Struct, frozen=True):
     """A row of a motion's table: what one cause may do to some quantities."""
 
     quantities: tuple[str, ...]

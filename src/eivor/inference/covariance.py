@@ -10,6 +10,7 @@ from functools import lru_cache
 from operator import methodcaller
 from typing import ClassVar, final
 
+import msgspec
 import numpy as np
 import scipy
 
@@ -227,8 +228,7 @@ class CovariancePart:
         return t_tail(value / std_error, self.degrees) if std_error else float(value == 0.0)
 
 
-@dataclass(frozen=True)
-class JointCovariance:
+class JointCovariance(msgspec.Struct, frozen=True):
     """Covariances of one vector of estimates; intervals are the widest that one of them asks for."""
 
     parts: tuple[CovariancePart, ...]

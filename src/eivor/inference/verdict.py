@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+import msgspec
+
 
 class Status(Enum):
     """How far an estimate may be trusted, best first."""
@@ -49,8 +51,7 @@ class Reason:
     cause: Cause = Cause.OTHER
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(msgspec.Struct, frozen=True):
     """Status and the reasons for it."""
 
     status: Status

@@ -66,8 +66,7 @@ MAX_EXPONENT = 8.0
 _QUOTED = re.compile(r'"([^"\x00]+)"')
 
 
-@dataclass(frozen=True, slots=True)
-class InTime:
+class InTime(msgspec.Struct, frozen=True):
     """A step over the whole series: its derivative, or the series behind a first-order lag."""
 
     lag_s: float | None = None  # None for the derivative

@@ -15,6 +15,7 @@ from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 
 from eivor.signals.channels import CanonicalChannel, held_by_default, unit_of
@@ -375,8 +376,7 @@ class KeptChannels(MadeChannels):
 HEAD_BYTES = 65536
 
 
-@dataclass(frozen=True, slots=True)
-class ReadOptions:
+class ReadOptions(msgspec.Struct, frozen=True):
     """What a reader receives besides the file."""
 
     channel_map: str | os.PathLike[str] | None = None
@@ -395,16 +395,14 @@ def begins_with(*magic: bytes) -> Callable[[bytes, Path], bool]:
     return lambda head, _file: head.startswith(magic)
 
 
-@dataclass(frozen=True, slots=True)
-class FolderParts:
+class FolderParts(msgspec.Struct, frozen=True):
     """Files of a folder that are no logs themselves."""
 
     members: frozenset[str] = frozenset()
     derived: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True, slots=True)
-class LogFormat:
+class LogFormat(msgspec.Struct, frozen=True):
     """A format of logs, one row of the table in `eivor.logs.read`."""
 
     name: str  # The word of `Recording.format`

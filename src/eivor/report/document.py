@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, TypeAlias
 
+import msgspec
+
 from eivor.flights.quantity import Quantity, QuantitySpec
 from eivor.inference.verdict import Status
 
@@ -25,8 +27,7 @@ class Tone(Enum):
     WARNING = "warning"
 
 
-@dataclass(frozen=True, slots=True)
-class Bullets:
+class Bullets(msgspec.Struct, frozen=True):
     """Sentences, one below the other."""
 
     sentences: tuple[str, ...]
@@ -38,15 +39,13 @@ def bullets(sentences: Iterable[str]) -> tuple[Bullets, ...]:
     return (Bullets(there),) if there else ()
 
 
-@dataclass(frozen=True, slots=True)
-class Facts:
+class Facts(msgspec.Struct, frozen=True):
     """Texts with their labels, one below the other."""
 
     facts: tuple[tuple[str, str | Bullets], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class TableColumn:
+class TableColumn(msgspec.Struct, frozen=True):
     """A column of a table."""
 
     title: str  # May be empty
@@ -56,8 +55,7 @@ class TableColumn:
     below: Tone = Tone.PLAIN
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
+class Cell(msgspec.Struct, frozen=True):
     """A cell of a table."""
 
     text: str  # The first line
@@ -66,8 +64,7 @@ class Cell:
     link: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class TableOf:
+class TableOf(msgspec.Struct, frozen=True):
     """Rows of cells under columns."""
 
     columns: tuple[TableColumn, ...]
@@ -90,8 +87,7 @@ class Look(Enum):
     CONTRADICTED = "contradicted"
 
 
-@dataclass(frozen=True, slots=True)
-class Statement:
+class Statement(msgspec.Struct, frozen=True):
     """A verdict, in a line of its own."""
 
     text: str
@@ -99,8 +95,7 @@ class Statement:
     more: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Figure:
+class Figure(msgspec.Struct, frozen=True):
     """A place for a figure; a medium that has none leaves it out."""
 
     name: str
@@ -125,8 +120,7 @@ class CardLine:
         return f"{self.text} {self.interval} {self.unit}".rstrip()
 
 
-@dataclass(frozen=True, slots=True)
-class CardGroup:
+class CardGroup(msgspec.Struct, frozen=True):
     """Lines of one look."""
 
     look: Look
@@ -134,8 +128,7 @@ class CardGroup:
     lines: tuple[CardLine, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Card:
+class Card(msgspec.Struct, frozen=True):
     """What comes first: the most useful number, and what else is and is not identified."""
 
     title: str
@@ -146,8 +139,7 @@ class Card:
 Part: TypeAlias = Facts | TableOf | Bullets | Statement | Figure
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(msgspec.Struct, frozen=True):
     """Parts under a heading."""
 
     heading: str  # May be empty
@@ -181,8 +173,7 @@ PLAIN_RANGE = (1e-3, 1e6)
 BOUND = "bound"
 
 
-@dataclass(frozen=True, slots=True)
-class QuantityRow:
+class QuantityRow(msgspec.Struct, frozen=True):
     """A quantity of a result with its words: a row of every screen, page and JSON document."""
 
     name: str

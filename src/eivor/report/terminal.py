@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 
+import msgspec
 from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.padding import Padding
 from rich.table import Column, Table
@@ -50,8 +50,7 @@ def _document(document: doc.Document) -> Iterator[RenderableType]:
         yield from _section(section)
 
 
-@dataclass(frozen=True, slots=True)
-class CardText:
+class CardText(msgspec.Struct, frozen=True):
     """A card whose numbers stand below their words where an interval would break beside them."""
 
     card: doc.Card
@@ -142,8 +141,7 @@ def _facts(part: doc.Facts) -> Table:
     return grid
 
 
-@dataclass(frozen=True, slots=True)
-class FoldingTable:
+class FoldingTable(msgspec.Struct, frozen=True):
     """A table whose columns become lines below the first one where numbers would break side by side."""
 
     table: doc.TableOf

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from enum import Enum
 from types import MappingProxyType
 
+import msgspec
 import numpy as np
 
 from eivor.errors import UsageError
@@ -46,8 +46,7 @@ def common_side(sides: Iterable[CurveSide]) -> CurveSide:
     return result.pop() if len(result) == 1 else CurveSide.UNKNOWN
 
 
-@dataclass(frozen=True, slots=True)
-class CanonicalChannel:
+class CanonicalChannel(msgspec.Struct, frozen=True):
     """A channel that a log may hold; a name that cannot be one raises `UsageError`."""
 
     name: str  # Small letters, digits and `_`; a last `_*` stands for a rotor's number (1, 2, ...)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, cast
 
+import msgspec
 import numpy as np
 
 from eivor import checks
@@ -307,8 +308,7 @@ CONVERGED = 1e-14
 MOST_STEPS, TINY = 100, sys.float_info.min
 
 
-@dataclass(frozen=True, slots=True)
-class LongMemory:
+class LongMemory(msgspec.Struct, frozen=True):
     """Estimate of a fractional noise."""
 
     order: float  # Exponent of Delta

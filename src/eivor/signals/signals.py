@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -119,9 +118,9 @@ def stretches(mask: Bool[np.ndarray, " n"]) -> list[slice]:
     return [slice(first, stop) for first, stop in zip(*[iter(edges.tolist())] * 2, strict=True)]
 
 
-def _mask(valid: Any) -> Bool[np.ndarray, "*shape"]:
+def _mask(valid: object) -> Bool[np.ndarray, "*shape"]:
     """Mask of the samples that count; what a mask of its own hides does not."""
-    mask = np.asarray(valid.filled(False) if hasattr(valid, "filled") else valid)  # NumPy loads its own late
+    mask = np.ma.filled(valid, False) if np.ma.isMaskedArray(valid) else np.asarray(valid)
     if mask.dtype == np.bool_:
         return mask
     if mask.dtype.kind not in "iu" or not np.isin(mask, (0, 1)).all():

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from eivor.inference.diagnostics.record import SIGNIFICANT, Diagnostic, EquationProducts, Row, Subject
@@ -131,8 +132,7 @@ class Periodicity(Diagnostic):
             )
 
 
-@dataclass(frozen=True)
-class BlockSums:
+class BlockSums(msgspec.Struct, frozen=True):
     """Sums of series over successive blocks of time."""
 
     sums: Blocks

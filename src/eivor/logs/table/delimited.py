@@ -8,11 +8,12 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+import msgspec
 import numpy as np
 
 from eivor import checks, errors
@@ -148,15 +149,14 @@ def polars_errors(raised: Callable[[BaseException], errors.EivorError]) -> Itera
 MAX_COLUMNS = 4096
 
 
-@dataclass(frozen=True, slots=True)
-class TableSource:
+class TableSource(msgspec.Struct, frozen=True):
     """A table whose header has been read."""
 
     names: tuple[str, ...]  # Columns, in their order
     read: Callable[[Sequence[str]], Columns]  # Reads some columns, by name
     findings: tuple[Finding, ...] = ()
     metadata: str = ""
-    units: Mapping[str, str] = field(default_factory=dict)  # By column, of a line below the names
+    units: Mapping[str, str] = msgspec.field(default_factory=dict)  # By column, of a line below the names
 
 
 def table_columns(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from eivor.logs import common
@@ -19,8 +20,7 @@ from eivor.tools import Bool, Float
 ESTIMATOR_TOPIC = "vehicle_local_position"
 
 
-@dataclass(frozen=True, slots=True)
-class TopicSource:
+class TopicSource(msgspec.Struct, frozen=True):
     """One place where a channel may be."""
 
     topic: str

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 
+import msgspec
 import numpy as np
 
 from eivor import checks
@@ -23,8 +24,7 @@ LEAST_COMMAND = 1e-6
 Interval = tuple[float, tuple[float, float]]
 
 
-@dataclass(frozen=True, slots=True)
-class CurveFamily:
+class CurveFamily(msgspec.Struct, frozen=True):
     """Maps of one parameter."""
 
     of_share: bool  # ``mixed:SHARE``, else ``power:EXPONENT``
@@ -49,8 +49,7 @@ def family_of(chosen: InputMap, *, fitted: bool = True) -> CurveFamily:
     return CurveFamily(isinstance(chosen, Mixed) or (not fitted and chosen == Power(1.0)))
 
 
-@dataclass(frozen=True, slots=True)
-class AutopilotParameter:
+class AutopilotParameter(msgspec.Struct, frozen=True):
     """One parameter of an autopilot."""
 
     name: str

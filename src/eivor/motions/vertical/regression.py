@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 
+import msgspec
 import numpy as np
 
 from eivor.errors import InputError, MissingChannelError, UsageError
@@ -474,8 +475,7 @@ def _variance_of_mean(problem: VerticalFlights, residual: Float[np.ndarray, " n"
     )
 
 
-@dataclass(frozen=True, slots=True)
-class ThrustDrift:
+class ThrustDrift(msgspec.Struct, frozen=True):
     """Line in time of the thrust of one command, which rows of long runs lose, with a 95 % interval."""
 
     rate: float  # Change of the thrust over mass in a second [m/s^3]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+import msgspec
 import numpy as np
 
 from eivor.errors import ShapeError
@@ -32,8 +33,7 @@ def vertical_row(attitude: list[Channel]) -> tuple[Float[np.ndarray, " n"], Floa
     return attitude[0].time_s, row / square[:, None]
 
 
-@dataclass(frozen=True)
-class FittedCurve:
+class FittedCurve(msgspec.Struct, frozen=True):
     """A map that was found out, and estimates with maps to either side."""
 
     family: CurveFamily
