@@ -283,7 +283,7 @@ class WhitenedRows(WeightedRows):
         joint, size = self.problem.interpolation is not None, max(BATCH_NUMBERS // self.basis.shape[0], 1)
         if not joint and len(points) > size:
             parts = (points[first : first + size] for first in range(0, len(points), size))
-            for run in zip(*(self.sums(part, basis) for part in parts), strict=True):
+            for run in zip(*[list(self.sums(part, basis)) for part in parts], strict=True):  # one by one
                 at, j, *products = zip(*run, strict=True)
                 yield at[0], j[0], *map(np.concatenate, products)
             return
