@@ -289,11 +289,15 @@ class WhitenedRows(WeightedRows):
             return
         for functions, known, at, j, X in self._runs(points, basis):
             E = self._of_run(len(points), functions, known, at, j, X)
-            if joint:
-                columns = np.concatenate([known, X.reshape(-1, X.shape[2])])
-            else:
-                columns = np.concatenate([np.broadcast_to(known, (len(points), *known.shape)), X], axis=1)
-            yield at, j, E, columns @ columns.swapaxes(-1, -2)
+            moved = X.reshape(-1, X.shape[2]) if joint else X
+            count, cross = len(known), moved @ known.T
+            power = np.empty((*moved.shape[:-2], *2 * (count + moved.shape[-2],)))
+            power[..., :count, :count], power[..., count:, count:] = (
+                known @ known.T,
+                moved @ moved.swapaxes(-1, -2),
+            )
+            power[..., count:, :count], power[..., :count, count:] = cross, cross.swapaxes(-1, -2)
+            yield at, j, E, power
 
     def renewed(self, theta: Vector, nuisances: Values, /) -> WhitenedRows:
         return replace(whitened_by_residuals(self.problem, theta, nuisances), renewals=self.renewals - 1)

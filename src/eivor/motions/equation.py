@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -26,6 +26,9 @@ from eivor.signals.channels import family_members
 from eivor.signals.filters import actuator_state, shifted_by, time_derivative
 from eivor.signals.signals import Signals
 from eivor.tools import Bool, Float
+
+#: Inputs behind the actuators by name, each of every sample or a number.
+States = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ class AxisEquation:
         self,
         signals: Signals,
         texts: Sequence[str],
-        states: Mapping[str, np.ndarray] | None = None,
+        states: States | None = None,
         delay_s: float = 0.0,
     ) -> Float[np.ndarray, "n k"]:
         """Columns of expressions, in which inputs are states, or do not lag, but may be late."""
@@ -124,7 +127,7 @@ class AxisEquation:
 
     def states(
         self, logged: Mapping[str, Float[np.ndarray, "n m"]], signals: Signals, path: Mapping[str, float]
-    ) -> Mapping[str, Float[np.ndarray, " n"]]:
+    ) -> States:
         """What that makes behind the actuators: means of the families."""
         pairs = logged.items()
         return {name: mean_of(actuator_state(of, step_s=signals.step_s, **path)) for name, of in pairs}
@@ -216,7 +219,7 @@ def parsed(text: str) -> Expression:
 
 
 def evaluated(
-    expression: Expression, signals: Signals, given: Mapping[str, np.ndarray] | None = None
+    expression: Expression, signals: Signals, given: States | None = None
 ) -> Float[np.ndarray, " n"]:
     """Value of an expression for each sample; `given` stands for channels of its names."""
     channels, known = signals.channels, given or {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +16,11 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
 from eivor.models.lagged_runs import actuators
 from eivor.models.separable import Values
-from eivor.motions.equation import STAYS, Term, parsed
+from eivor.motions.equation import STAYS, States, Term, parsed
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import compatibility, dynamics, regression
 from eivor.motions.rigid_body.dynamics import into_body
-from eivor.motions.rigid_body.regression import DRAG, GAIN, TERMS, THRUST, RotorStates, States, drives
+from eivor.motions.rigid_body.regression import DRAG, GAIN, TERMS, THRUST, RotorStates, drives
 from eivor.motions.rigid_body.vehicle import KnownVehicle, inertia_shares
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.filters import time_derivative
@@ -122,7 +123,7 @@ class StatePropagator:
         states = self.starts.propagate(initial_states.reshape(dynamics.BODY, -1), self)
         return states.reshape(*states.shape[:2], len(self.models), -1).transpose(2, 0, 1, 3)
 
-    def _moving(self, body: Float[np.ndarray, "13 n"], rows: dynamics.Rows) -> dict[str, np.ndarray]:
+    def _moving(self, body: Float[np.ndarray, "13 n"], rows: dynamics.Rows) -> dict[str, Any]:
         """What terms are over beside rotors."""
         velocity = np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
         moved = zip((*regression.MOVED, *regression.RATES), (*velocity, *body[10:13]), strict=True)

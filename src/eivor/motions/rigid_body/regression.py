@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from eivor.flights.quantity import QuantityTable
 from eivor.models import lagged_runs, separable
 from eivor.models.regression import Parameter
 from eivor.models.signal_regression import cross_fitted
-from eivor.motions.equation import AxisEquation, Driven, Term, evaluated, parsed
+from eivor.motions.equation import AxisEquation, Driven, States, Term, evaluated, parsed
 from eivor.motions.rates.motion import AXES, PITCH, ROLL
 from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Rows, felt, into_body, rotation
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
@@ -285,8 +285,6 @@ def predicted(rotors: RotorStates, rule: separable.LaggedReferences) -> RotorSta
     return replace(rotors, flight=flight, signals=body_signals(flight), _last=None)
 
 
-#: Sums over the rotors by name.
-States = Mapping[str, Any]
 #: Values of a sensor as its filter leaves them.
 Filter = Callable[[Series], Series]
 
