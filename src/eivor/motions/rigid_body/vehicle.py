@@ -236,9 +236,9 @@ class KnownVehicle:
     @cached_property
     def sums(self) -> Float[np.ndarray, "7 rotors"]:
         """Weights of the rotors in sums over them: 1, x, y, x^2, x y, y^2, and the spin."""
-        one, y, negative, spin = self.arms
+        rotor, y, negative, spin = self.arms
         x = -negative
-        return np.stack([one, x, y, x * x, x * y, y * y, spin])
+        return np.stack([rotor, x, y, x * x, x * y, y * y, spin])
 
     @cached_property
     def numbers(self) -> dict[str, Any]:

@@ -129,11 +129,11 @@ def with_common_rotor_inertia(
         number: replace(item, usual=hover * item.usual, inertia_ratios=ratios, _last=None)
         for number, item in states.items()
     }
-    columns, one = [], terms.REACTION
+    columns, reaction = [], terms.REACTION
     for column in problem.columns:
         axis, rotors = terms.body_equation(column), at_hover[column.flight]
         linked = [
-            Term(one.name, f"{names[item.name]} * ({item.of})", item.symbol, one.unit, behind=True)
+            Term(reaction.name, f"{names[item.name]} * ({item.of})", item.symbol, reaction.unit, behind=True)
             if item.name in names
             else item
             for item in axis.terms
