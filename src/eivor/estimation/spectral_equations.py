@@ -6,7 +6,6 @@ import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import msgspec
 import numpy as np
 
 from eivor.errors import EstimationError, WeakInstrumentsWarning
@@ -29,7 +28,8 @@ Matrix = Float[np.ndarray, "n m"]
 GENERALIZED_IV = LinearMethod("generalized_iv", Compensated(), AugmentedLeastSquares())
 
 
-class Pilot(msgspec.Struct, frozen=True):
+@dataclass(frozen=True)
+class Pilot:
     """Start of a search."""
 
     motion: sampling.SampledMotion
