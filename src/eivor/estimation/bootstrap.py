@@ -22,7 +22,7 @@ from eivor.inference.distributions import normal_quantile, t_quantile
 from eivor.inference.estimating_equation import Products, products_of_rows
 from eivor.linalg.system import LinearSystem, Solver
 from eivor.models.regression import LinearProblem, Parameter, Regression, SampleRows
-from eivor.models.separable import Prior, SeparableProblem, Values
+from eivor.models.separable import Prior, SeparableProblem, Values, values_of
 from eivor.tools import Float, Int
 
 #: A block starts at one of at least so many places within a block's length, where rows allow it.
@@ -254,11 +254,11 @@ class PoolFlights:
             return left + self.variance * self.nodes.misfit(self.nodes.values_over(box), known)
 
         position = argmin(objective, self.nodes.nodes)
-        values = self.nodes.values_over([*position[:, None]])
-        weights = self.nodes.weights(values)[0]
+        values = self.nodes.values_at(position)
+        weights = self.nodes.weights(values_of([values]))[0]
         both = np.tensordot(weights, equations, 1)
         theta = self.solver.solve(LinearSystem(both[:, :-1], both[:, -1])).theta
-        return Replicate({name: float(value[0]) for name, value in values.items()}, theta, weights)
+        return Replicate(values, theta, weights)
 
 
 def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:

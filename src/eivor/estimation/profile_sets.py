@@ -24,7 +24,7 @@ from eivor.inference import distributions
 from eivor.inference.anderson_rubin import Allowed, allowed, concentrated, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
-from eivor.models.separable import ManyValues, Prior, SeparableProblem, Values, values_of
+from eivor.models.separable import ManyValues, Prior, SeparableProblem, Values
 from eivor.models.spectral import BinRows
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float, Int
@@ -235,7 +235,13 @@ class Criterion:
 
     def parameters(self, nuisances: Values) -> list[Float[np.ndarray, " n"]]:
         """Linear parameters of each flight where J is least, at values of the nuisances."""
-        N, D = (self._joined(part)[0] for part in self._forms(values_of([nuisances])))
+        made = [member.weights.rows(nuisances) for member in self.members]  # themselves, not between nodes
+        columns = [
+            np.column_stack([rows.regressors, rows.response]) @ (about(member.centre) / self._scales)
+            for rows, member in zip(made, self.members, strict=True)
+        ]
+        seen = [rows.instruments.T @ item for rows, item in zip(made, columns, strict=True)]
+        N, D = (self._joined(np.stack([(a.T @ a)[None] for a in part]))[0] for part in (seen, columns))
         x = scipy.linalg.eigh(N, D, subset_by_index=(0, 0))[1][:, 0]
         differences = -x / x[0] * self._scales[0]
         return [

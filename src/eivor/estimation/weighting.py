@@ -292,10 +292,8 @@ class WhitenedRows(WeightedRows):
             moved = X.reshape(-1, X.shape[2]) if joint else X
             count, cross = len(known), moved @ known.T
             power = np.empty((*moved.shape[:-2], *2 * (count + moved.shape[-2],)))
-            power[..., :count, :count], power[..., count:, count:] = (
-                known @ known.T,
-                moved @ moved.swapaxes(-1, -2),
-            )
+            power[..., :count, :count] = known @ known.T
+            power[..., count:, count:] = moved @ moved.swapaxes(-1, -2)
             power[..., count:, :count], power[..., :count, count:] = cross, cross.swapaxes(-1, -2)
             yield at, j, E, power
 

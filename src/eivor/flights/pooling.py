@@ -287,7 +287,7 @@ def _by_flight(
     shared = {name: profile for name, profile in fit.profiles.items() if name not in pool.flight_specific}
     for number, member in enumerate(members):
         flight = (member.flight,)
-        problem = pool.problems[number].with_nuisances(pool.nuisances)
+        problem = pool.problems[number]
         estimate = pool.member(number)
         checks = motion.checks(problem, estimate, (member.flight.shortened,))
         here = replace(
