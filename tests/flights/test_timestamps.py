@@ -97,6 +97,18 @@ def test_stamps_that_were_rounded_to_milliseconds_tell_none():
     assert finer_step(np.round(logged(0.004, 47.3), 3)) == pytest.approx(0.004)
 
 
+def test_rows_at_multiples_of_a_tick_leave_open_when_commands_were_issued():
+    # a loop of 50 ms that now and then takes a tick of 10 ms more or less, and logs all that it has
+    rng = np.random.default_rng(5)
+    times = 0.01 * np.cumsum(rng.integers(4, 7, 2000))
+    sensor = Channel("velocity_z", times, rng.standard_normal(2000), "m/s")
+    assert command_clock(command(times), []).issued_s == pytest.approx(0.01)
+    rows = command_clock(command(times), [sensor])
+    assert not rows.is_known
+    # from commands at every tick to those that are held from row to row
+    assert rows.slack_s == pytest.approx(0.0125)
+
+
 def test_a_quick_log_holds_every_command_unless_others_are_logged_more_often():
     jitter = 0.001 * np.random.default_rng(2).standard_normal(2000)
     quick = command(np.arange(0.0, 20.0, 0.01) + jitter)

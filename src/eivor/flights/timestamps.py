@@ -247,9 +247,9 @@ def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: 
     often = logged <= RARELY_LOGGED_S
     finer, jitter = finer_step(command.time_s) if often else None, has_jitter(command)
     if finer is None and often and jitter:
-        finer = period_from_aliasing(command.time_s, SHORTEST_STEP_S)
-    if finer is not None:
-        return Clock(logged, finer)
+        beat = period_from_aliasing(command.time_s, SHORTEST_STEP_S)
+        if beat is not None:
+            return Clock(logged, beat)
     jitters, quickest, sampled_with_it = [], np.inf, False
     for other in others:
         time_s = other.time_s
@@ -257,9 +257,13 @@ def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: 
         sampled_with_it |= not other.held and np.array_equal(time_s, command.time_s)
         if time_s.size > 1:
             quickest = min(quickest, float(np.median(np.diff(time_s), overwrite_input=True)))
+    if finer is not None and not sampled_with_it:
+        return Clock(logged, finer)
     as_logged, looked_at = Clock(logged, logged), truth_of(jitters)
     jitter &= looked_at is not False or not sampled_with_it  # stamps of even rows that err
     unknown = Clock(logged, 0.5 * min(logged, issued_within_s), is_known=False, is_even=not jitter)
+    if finer is not None:  # rows at multiples of a tick: whether commands were issued at each is not known
+        return unknown
     turns, quick = steps / logged, logged <= QUICK_STEP_S
     # distances are multiples of the usual one, but for a logger's slips
     even = float(np.mean(np.abs(turns - np.rint(turns)) > SAME)) <= ODD_SHARE
