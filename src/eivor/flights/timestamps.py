@@ -262,8 +262,6 @@ def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: 
     as_logged, looked_at = Clock(logged, logged), truth_of(jitters)
     jitter &= looked_at is not False or not sampled_with_it  # stamps of even rows that err
     unknown = Clock(logged, 0.5 * min(logged, issued_within_s), is_known=False, is_even=not jitter)
-    if finer is not None:  # rows at multiples of a tick: whether commands were issued at each is not known
-        return unknown
     turns, quick = steps / logged, logged <= QUICK_STEP_S
     # distances are multiples of the usual one, but for a logger's slips
     even = float(np.mean(np.abs(turns - np.rint(turns)) > SAME)) <= ODD_SHARE
@@ -271,7 +269,8 @@ def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: 
         return as_logged
     if looked_at and jitter and _repeats(command):
         return Clock(logged, logged / FINE_PARTS, looked=True)
-    if looked_at and jitter and not sampled_with_it:
+    # of rows at multiples of a tick the same: whether commands were issued at each is not known
+    if finer is not None or (looked_at and jitter and not sampled_with_it):
         return unknown
     return as_logged if quick and quickest >= MORE_OFTEN * logged and jitter else unknown
 
