@@ -492,6 +492,17 @@ def test_a_file_and_python_declare_the_same(tmp_path):
     assert of_file.equation[0] == "ddt(p) = L_p (2 * p) + L_da aileron + b"
 
 
+def test_the_unit_of_a_root_is_read_back():
+    tank = ev.machine(
+        "tank",
+        response="ddt(level)",
+        channels={"level": "m", "flow": ev.input("m^3/s"), "goal": ev.reference("m")},
+        terms={"outflow": {"of": "-level**0.5", "unit": "m^(1/2)/s"}, "inflow": "flow"},
+        derived={"ratio": "outflow / inflow"},
+    )
+    assert tank.quantities["ratio"].unit == "m^(5/2)/s"
+
+
 def test_machines_are_listed_shown_and_begun(tmp_path):
     run = CliRunner().invoke
     listed = run(app, ["machine", "list"]).output

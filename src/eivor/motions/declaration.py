@@ -644,7 +644,7 @@ _MADE_OF |= {"rad": "", "1": ""}
 _BASE = ("kg", "m", "s", "A", "V", "K", "degC", "us")
 #: Products that are shown by a name.
 _SHOWN = {"kg m/s^2": "N", "kg m^2/s^2": "N m", "kg/s": "N s/m", "kg m^2/s": "N m s"}
-_FACTOR = re.compile(r"\s*([*/·]?)\s*([A-Za-z]+|1)(?:\^(-?\d)|([²³]))?")
+_FACTOR = re.compile(r"\s*([*/·]?)\s*([A-Za-z]+|1)(?:\^(-?\d(?:\.\d+)?|\(\d{1,9}/[1-9]\d{0,8}\))|([²³]))?")
 
 
 class UnitError(ValueError):
@@ -660,7 +660,8 @@ def parsed_unit(text: str) -> Unit:
         if match is None:
             raise UnitError(f"the unit '{text}'", "Write it as m/s^2, N m or 1/s.")
         sign, name, digits, raised = match.groups()
-        power = int(digits or {"²": 2, "³": 3}.get(raised, 1)) * (-1 if sign == "/" else 1)
+        power = Fraction((digits or "").strip("()") or {"²": 2, "³": 3}.get(raised, 1))
+        power = -power if sign == "/" else power
         if name in _MADE_OF:
             powers = dict(_times(powers, parsed_unit(_MADE_OF[name]) if name != "1" else {}, power))
         elif name in _BASE:
@@ -690,7 +691,8 @@ def unit_text(unit: Unit) -> str:
     order = [name for name in _BASE if name in unit]
 
     def factor(name: str, power: Fraction) -> str:
-        return name if power == 1 else f"{name}^{power}"
+        exponent = f"{power}" if power.denominator == 1 else f"({power})"
+        return name if power == 1 else f"{name}^{exponent}"
 
     above = " ".join(factor(name, unit[name]) for name in order if unit[name] > 0)
     below = "".join(f"/{factor(name, -unit[name])}" for name in order if unit[name] < 0)
