@@ -50,10 +50,8 @@ class Estimate:
     solution: linalg.Solution  # Linear parameters, and the condition of their equations
     method: str = ""  # Name of the method
     joint_parameters: tuple[Parameter, ...] = ()  # In the order of the joint vector
-    met: tuple[Reason, ...] = ()  # Reasons against the estimate that were met while it was made
-    doubts: Callable[[Estimate], tuple[Reason, ...]] | None = (
-        None  # Those that are sought when they are asked for
-    )
+    met: tuple[Reason, ...] = ()  # Reasons against the estimate, from its solution
+    doubts: Callable[[Estimate], tuple[Reason, ...]] | None = None  # Further reasons, computed on demand
     noises: tuple[
         equations.FittedNoise, ...
     ] = ()  # Fitted together with the parameters, by a spectral method
@@ -78,7 +76,7 @@ class Estimate:
     origin: Float[np.ndarray, " n"] | None = None  # What the unknowns are changes of, in linearised equations
 
     def __getstate__(self) -> dict[str, object]:
-        """Without the estimating equation and the basis, which are made again when they are requested."""
+        """State without the equation and the basis, which are computed again on demand."""
         return {
             name: value
             for name, value in self.__dict__.items()
@@ -175,8 +173,8 @@ class Estimate:
             return estimating_equation(self, problem.blocks)
         # Rows in frequency, and of several axes, go back to time all at once.
         equation = estimating_equation(self, lambda: problem.blocks(round(self.count)))
-        whole = equation.rows
-        timed = replace(whole, scores=problem.layout.scores(whole.test_functions, whole.residual))
+        rows = equation.rows
+        timed = replace(rows, scores=problem.layout.scores(rows.test_functions, rows.residual))
         return replace(equation, sample_count=timed.scores.shape[0], blocks=lambda: [timed])
 
     @property
@@ -186,8 +184,8 @@ class Estimate:
             return self.flight_criterion
         if self.assembler.needs_instruments:
             return self.over_identification[0]
-        least = np.finfo(np.float64).tiny
-        return self.count * float(np.log(max(self.solution.objective, least))) + sum(self.misfits)
+        smallest = np.finfo(np.float64).tiny
+        return self.count * float(np.log(max(self.solution.objective, smallest))) + sum(self.misfits)
 
     @cached_property
     def over_identification(self) -> tuple[float, float]:
@@ -208,17 +206,17 @@ class Estimate:
             return np.full(self.unknowns, np.nan)
         known = np.sqrt(self.equation.variance) * self.prior_rows()
         basis = scipy.linalg.block_diag(self._basis, np.eye(len(known))) if known.size else self._basis
-        # of a part and of what it is a part of the strength is that of their sum, at the same shares of it
+        # a part and its total have the strength of their sum, at fixed shares
         names, to_sums = self.names, np.eye(self.unknowns)
-        parts = [(item.nuisance.name, item.nuisance.part_of) for item in self.profiles]
-        indices = [(names.index(name), names.index(whole)) for name, whole in parts if whole in names]
-        for part, whole in indices:
-            share = self.values[part] / (self.values[part] + self.values[whole])
-            to_sums[[whole, whole, part], [whole, part, whole]] = 1.0 - share, -1.0, share
+        parts = [(profile.nuisance.name, profile.nuisance.part_of) for profile in self.profiles]
+        indices = [(names.index(name), names.index(total)) for name, total in parts if total in names]
+        for part, total in indices:
+            share = self.values[part] / (self.values[part] + self.values[total])
+            to_sums[[total, total, part], [total, part, total]] = 1.0 - share, -1.0, share
         jacobian, spectra = np.vstack([self.jacobian, known]) @ to_sums, isinstance(self.rows.layout, BinRows)
         strengths = conditional_first_stage(basis, jacobian, len(known), effective=spectra)
-        for part, whole in indices:
-            strengths[part] = strengths[whole]
+        for part, total in indices:
+            strengths[part] = strengths[total]
         return strengths * self.rows.layout.independent
 
     @property
@@ -228,7 +226,7 @@ class Estimate:
 
     @cached_property
     def undetermined(self) -> float:
-        """Unknowns that equations leave to their uniform distribution, in part: how a sum is split.
+        """Unknowns, in part, that equations leave to their uniform distribution: how a sum is split.
 
         At an end of its values, equations do not move it: all of it counts.
         """
@@ -262,7 +260,7 @@ class Estimate:
 
     @cached_property
     def joint_covariance(self) -> cov.JointCovariance:
-        """Of the joint vector; an `EstimationError` for moments over whose chunks no second pass was made."""
+        """Covariance of the joint vector; an `EstimationError` for moments without a second pass."""
         if self.streamed_covariance is not None:
             return self.streamed_covariance
         return self.covariance_estimator.joint(self.equation)
@@ -330,11 +328,11 @@ class Estimate:
         checks.text("other", other)
         if name == other:
             raise UsageError("two parameters", f"'{name}' twice", "Name another one.")
-        pair = np.stack([self.direction(name), self.direction(other)])
+        directions = np.stack([self.direction(name), self.direction(other)])
         ellipses = []
         for part in self.joint_covariance.parts:
-            C = pair @ (part.matrix / part.share) @ pair.T
-            ellipses.append(Ellipse(pair @ self.values, 0.5 * (C + C.T), level, part.degrees))
+            C = directions @ (part.matrix / part.share) @ directions.T
+            ellipses.append(Ellipse(directions @ self.values, 0.5 * (C + C.T), level, part.degrees))
         return max(ellipses, key=lambda ellipse: ellipse.area)
 
     def std_error(self, name: str) -> float:
@@ -454,11 +452,11 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
     known, theta, constant, unit = estimate.known, estimate.theta, estimate.constant, 0.0
     searched = estimate.nuisance_columns.size > 0
     if searched:
-        linear, whole = A, next(iter(blocks()))
-        A = assembler.test_functions(whole).T @ whole.regressors / count
-        A[: linear.shape[0], : linear.shape[1]] = linear
-        theta = np.pad(theta, (0, A.shape[1] - linear.shape[1]))
-        constant = np.pad(constant, (0, A.shape[0] - linear.shape[0]))
+        linear_A, first_block = A, next(iter(blocks()))
+        A = assembler.test_functions(first_block).T @ first_block.regressors / count
+        A[: linear_A.shape[0], : linear_A.shape[1]] = linear_A
+        theta = np.pad(theta, (0, A.shape[1] - linear_A.shape[1]))
+        constant = np.pad(constant, (0, A.shape[0] - linear_A.shape[0]))
     if factor is not None:
         A = scipy.linalg.solve_triangular(factor, A, lower=True)
     stacked = A
@@ -473,7 +471,7 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
         combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
     combined = constant @ combinations
 
-    def in_coordinates(block: RowBlock) -> EquationRows:
+    def equation_rows(block: RowBlock) -> EquationRows:
         residual = block.response - block.regressors @ theta
         scores = block.instruments * residual[:, None]
         scores += combined
@@ -485,10 +483,10 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
         if not searched and assembler.needs_instruments and equations.lags_without_gaps(problem):
             ends = linalg.row_blocks(problem.first, problem.signals.sample_count, linalg.COPIED_ROWS)
             make = partial(equations.filtered_instruments, problem, combinations)
-            return linalg.made_ahead(lambda stretch: in_coordinates(make(*stretch)), ends)
+            return linalg.made_ahead(lambda stretch: equation_rows(make(*stretch)), ends)
         psi = assembler.test_functions
         tested = (replace(block, instruments=(combinations.T @ psi(block).T).T) for block in blocks())
-        return linalg.made_ahead(in_coordinates, tested)
+        return linalg.made_ahead(equation_rows, tested)
 
     prior = np.sqrt(unit * count) * pseudo
     return EstimatingEquation(root, count * R, round(count), rows, prior.T @ prior)
@@ -512,8 +510,8 @@ def _direct_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
     def rows() -> Iterator[EquationRows]:
         for block in blocks():
             residual = block.response - block.regressors @ np.pad(theta, (0, searched))
-            more = np.pad(corrected(residual).rows, ((0, 0), (0, searched)))
-            psi = over_root(block.regressors + more, root)
+            correction_rows = np.pad(corrected(residual).rows, ((0, 0), (0, searched)))
+            psi = over_root(block.regressors + correction_rows, root)
             yield EquationRows(psi, residual, psi * residual[:, None], block.flights)
 
     prior = unit * over_root(known, root) if known.size else known
@@ -579,12 +577,12 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
     remedy = 'Give lambda p: p["theta_1"] ** 2, for example.'
     checks.function("a function of the parameters", function, remedy)
 
-    def of_vector(values: cov.Vector) -> float:
+    def evaluate(values: cov.Vector) -> float:
         result = function(dict(zip(estimate.names, (float(value) for value in values), strict=True)))
         checks.number("what the function gives", result)
         return float(result)
 
-    results = derived_from(of_vector, cov.JointEstimate(estimate.values, estimate.joint_covariance), level)
+    results = derived_from(evaluate, cov.JointEstimate(estimate.values, estimate.joint_covariance), level)
     numbers = (results.value, results.std_error, *results.interval)
     if math.isnan(results.bend) or not np.isfinite(numbers).all():
         expected = "a function that is finite within the interval"
@@ -598,7 +596,7 @@ def derived_from(
 ) -> DerivedQuantity:
     """A smooth function of a vector of estimates; its interval is a union over parts of the covariance."""
     values, covariance = joint.values, joint.covariance
-    pieces = [_of_part(function, values, part, level, largest_bend) for part in covariance.parts]
+    pieces = [_derived_of_part(function, values, part, level, largest_bend) for part in covariance.parts]
     scale = np.sqrt(np.diag(covariance.matrix))
     return DerivedQuantity(
         value=function(values),
@@ -637,12 +635,12 @@ def ratio(
     """
     checks.level(level)
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
-    for name, item in (("numerator", numerator), ("denominator", denominator)):
-        if not isinstance(item, str):
-            checks.number(name, item)
-    pair, nothing = (numerator, denominator), np.zeros(len(estimate.names))
-    exact = np.array([0.0 if isinstance(entry, str) else float(entry) for entry in pair])
-    rows = np.stack([estimate.direction(entry) if isinstance(entry, str) else nothing for entry in pair])
+    for name, value in (("numerator", numerator), ("denominator", denominator)):
+        if not isinstance(value, str):
+            checks.number(name, value)
+    terms, zero = (numerator, denominator), np.zeros(len(estimate.names))
+    exact = np.array([0.0 if isinstance(term, str) else float(term) for term in terms])
+    rows = np.stack([estimate.direction(term) if isinstance(term, str) else zero for term in terms])
     intervals: list[tuple[float, float]] = []
     for part in estimate.joint_covariance.parts:
         values, V = exact + rows @ estimate.values, rows @ part.matrix @ rows.T
@@ -650,7 +648,7 @@ def ratio(
     return ConfidenceSet.union(intervals)
 
 
-def _of_part(
+def _derived_of_part(
     function: OfVector, values: cov.Vector, part: cov.CovariancePart, level: float, largest_bend: float
 ) -> DerivedQuantity:
     t = part.half_widths(level)
@@ -660,12 +658,12 @@ def _of_part(
     axes = list(principal_axes(part.matrix, t).T)
     if half > 0.0:
         axes.append(t * part.matrix @ gradient / error)
-    away = max(
+    nonlinearity = max(
         abs(function(values + sign * axis) - centre - sign * float(gradient @ axis))
         for axis in axes
         for sign in (-1.0, 1.0)
     )
-    bend = away / half if half > 0.0 else (0.0 if away == 0.0 else math.inf)
+    bend = nonlinearity / half if half > 0.0 else (0.0 if nonlinearity == 0.0 else math.inf)
     if bend <= largest_bend:
         return DerivedQuantity(centre, error, (centre - half, centre + half), bend, profiled=False)
     interval = profile_interval(function, values, part.matrix, t)

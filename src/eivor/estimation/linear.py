@@ -55,7 +55,7 @@ class Method(ABC):
 
     @property
     def of_flights(self) -> Method:
-        """The method that it is of problems with nuisances, whose instruments flights have; mostly itself."""
+        """The method for problems with nuisances, whose instruments flights have; mostly itself."""
         return self
 
     @property
@@ -104,16 +104,16 @@ class OutputError(Method):
         return self.first.estimate(problem)
 
 
-#: Steps after the search: they shrink by a factor each, of which the noise decides.
+#: Most steps after the search: each shrinks by a factor that the noise determines.
 MOST_STEPS = 60
-#: A change of a nuisance that is none, as a share of the span in which it is looked for.
+#: A change of a nuisance below this share of its span counts as none.
 CONVERGED = 1e-9
 
 #: A method, from a linear problem to its solution.
 Solve = Callable[[LinearProblem], Estimate]
 
 
-def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
+def coarse_nuisances(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
     """Values of the nuisances with the least objective of a method, to coarse tolerances."""
     refused: list[EstimationError] = []
 
@@ -135,24 +135,24 @@ def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
 
 
 def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values) -> Estimate:
-    """Solution beside the values at which a method changes nothing."""
+    """Solution at the nuisances' values that a step of the method leaves as they are."""
     low, high = (np.array([nuisance.grid[end] for nuisance in problem.nuisances]) for end in (0, -1))
     names = [nuisance.name for nuisance in problem.nuisances]
     values = np.array([start[name] for name in names])
     for _ in range(MOST_STEPS):
-        index = dict(zip(names, values.tolist(), strict=True))
-        theta = solve(problem.regression(index)).theta
-        solved = solve(problem.linearised(index, theta))
+        nuisances = dict(zip(names, values.tolist(), strict=True))
+        theta = solve(problem.regression(nuisances)).theta
+        solved = solve(problem.linearised(nuisances, theta))
         change = solved.theta[theta.size :]
         if (np.abs(change) <= CONVERGED * (high - low)).all():
-            return replace(solved, nuisances=index, origin=np.append(np.zeros(theta.size), values))
-        following = np.clip(values + change, low, high)
-        if (following == values).any():
-            stuck = [name for name, same in zip(names, following == values, strict=True) if same]
-            received = f"one at its end, {', '.join(f'{index[name]:g}' for name in stuck)}, or beyond"
+            return replace(solved, nuisances=nuisances, origin=np.append(np.zeros(theta.size), values))
+        new_values = np.clip(values + change, low, high)
+        if (new_values == values).any():
+            stuck = [name for name, same in zip(names, new_values == values, strict=True) if same]
+            received = f"one at its end, {', '.join(f'{nuisances[name]:g}' for name in stuck)}, or beyond"
             remedy = "Give a wider range, or leave out a term that the data do not show."
             raise ConvergenceError(f"a least misfit inside the range of {', '.join(stuck)}", received, remedy)
-        values = following
+        values = new_values
     expected = f"steps of {', '.join(names)} that end"
     remedy = "Give a narrower range, a longer record, or less noise: the data hardly identify it."
     raise ConvergenceError(expected, f"some that go on after {MOST_STEPS}", remedy)
@@ -163,17 +163,17 @@ MOSTLY_LEFT = 0.99
 
 
 def shrinkage_bias(solution: Solution, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
-    """Ground that says how far the estimate was moved; none without regularisation."""
-    done = solution.shrinkage
-    if done is None:
+    """Reason with the shift by regularisation; none without."""
+    shrinkage = solution.shrinkage
+    if shrinkage is None:
         return ()
-    each = zip(parameters, done.shift, strict=True)
-    moves = ", ".join(f"{item.name} by {move:.3g} {item.unit}".rstrip() for item, move in each)
+    shifts = zip(parameters, shrinkage.shift, strict=True)
+    moves = ", ".join(f"{p.name} by {move:.3g} {p.unit}".rstrip() for p, move in shifts)
     sentence = (
-        f"Regularised (tikhonov, parameter {done.parameter:.3g} by {done.choice}): "
-        f"{done.kept:.3g} of {done.shift.size} parameters are left, and it moved {moves}."
+        f"Regularised (tikhonov, parameter {shrinkage.parameter:.3g} by {shrinkage.choice}): "
+        f"{shrinkage.kept:.3g} of {shrinkage.shift.size} parameters are left, and it moved {moves}."
     )
-    status = Status.IDENTIFIED if done.kept >= MOSTLY_LEFT * done.shift.size else Status.WEAK
+    status = Status.IDENTIFIED if shrinkage.kept >= MOSTLY_LEFT * shrinkage.shift.size else Status.WEAK
     return (Reason(status, sentence, "A regularised estimate is biased; intervals count the whole move."),)
 
 
@@ -355,14 +355,14 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
         return method.estimate(first)
     if method.needs_instruments:
         check_instruments(first.rows(), len(problem.nuisances), method.name)
-    start = nearly(problem, method.solve)
+    start = coarse_nuisances(problem, method.solve)
     candidate = refined_nuisances(problem, partial(method.solve, check=True), start)
     return _plain_estimate(method, candidate)
 
 
-def _plain_estimate(method: LinearMethod, made: Estimate) -> Estimate:
-    moments, parameters = made.moments, made.joint_parameters
-    met = () if made.solution.shrinkage is None else shrinkage_bias(made.solution, parameters)
+def _plain_estimate(method: LinearMethod, solved: Estimate) -> Estimate:
+    moments, parameters = solved.moments, solved.joint_parameters
+    met = () if solved.solution.shrinkage is None else shrinkage_bias(solved.solution, parameters)
     if isinstance(moments, CrossMoments):
         strengths = first_stage_strengths(moments)
         if moments.noise is not None:
@@ -370,32 +370,32 @@ def _plain_estimate(method: LinearMethod, made: Estimate) -> Estimate:
         if not (strengths >= STRONG_FIRST_STAGE).all():
             met = (weak_instruments(strengths, parameters), *met)
     if met:
-        made = replace(made, met=met)
-    finer = None if made.problem is None else made.problem.finer
-    return made if finer is None else _discretised(method, made, finer)
+        solved = replace(solved, met=met)
+    finer = None if solved.problem is None else solved.problem.finer
+    return solved if finer is None else _discretised(method, solved, finer)
 
 
-#: From what share of a parameter on the error of discretisation makes it weak.
+#: An error of discretisation above this share of a parameter makes it weak.
 COARSE = 0.03
 
 
 def _discretised(method: LinearMethod, estimate: Estimate, finer: LinearProblem) -> Estimate:
-    """The estimate with intervals that count its discretisation: what two finer ones change."""
+    """Estimate whose intervals count its discretisation, by two finer problems."""
     try:
-        first, second = (method.solve(made).theta - estimate.theta for made in (finer, finer.finer or finer))
+        first, second = (method.solve(p).theta - estimate.theta for p in (finer, finer.finer or finer))
     except EstimationError:
-        return replace(estimate, met=(*estimate.met, _far_apart("leave no solution")))
+        return replace(estimate, met=(*estimate.met, _coarse_sampling("leave no solution")))
     change = np.copysign(np.abs(first) + np.abs(second - first), first)
     errors = np.array([estimate.std_error(name) for name in estimate.names])
-    beyond = np.abs(change) - np.maximum(COARSE * np.abs(estimate.values), errors)
-    worst = int(beyond.argmax())
-    what = f"move {estimate.names[worst]} by {abs(change[worst]):.2g}"
-    reasons = (_far_apart(what),) if beyond[worst] > 0.0 else ()
+    excess = np.abs(change) - np.maximum(COARSE * np.abs(estimate.values), errors)
+    worst = int(excess.argmax())
+    effect = f"move {estimate.names[worst]} by {abs(change[worst]):.2g}"
+    reasons = (_coarse_sampling(effect),) if excess[worst] > 0.0 else ()
     return replace(estimate, discretisation=change, met=(*estimate.met, *reasons))
 
 
-def _far_apart(what: str) -> Reason:
-    sentence = f"The samples are far apart for derivatives by time: finer ones {what}."
+def _coarse_sampling(effect: str) -> Reason:
+    sentence = f"The samples are far apart for derivatives by time: finer ones {effect}."
     return Reason(Status.WEAK, sentence, "Sample faster, or excite more slowly.")
 
 
@@ -406,30 +406,31 @@ def check_method(method: object, kind: type = LinearMethod) -> None:
 
 
 def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Estimate:
-    searched, start = [item for item in problem.nuisances if item.searched], problem.warm_start
+    searched, start = [nuisance for nuisance in problem.nuisances if nuisance.searched], problem.warm_start
     if searched and method.equation_weighting.passes > 1:  # each value would have weights of its residual
         remedy = "Use reference_iv, or extended_iv with TwoStage()."
-        expected = f"weights that do not change with {', '.join(item.name for item in searched)}"
+        expected = f"weights that do not change with {', '.join(nuisance.name for nuisance in searched)}"
         raise UsageError(expected, "two-step weights in a search of it", remedy)
     if start is not None:
         weights = method.row_weighting.last_pass(problem, start.theta, start.nuisances)
     else:
         weights = method.row_weighting.first_pass(problem)
-    at, solution, profiles = _minimum(method, problem, weights, None if start is None else start.nuisances)
+    first = None if start is None else start.nuisances
+    values, solution, profiles = _minimum(method, problem, weights, first)
     while weights.renewals:
-        weights = weights.renewed(solution.theta, at)
-        at, solution, profiles = _minimum(method, problem, weights, at)
-    solved = method.solve(weights.rows(at))
-    misfits, known = known_misfits(problem.nuisances, at)
-    criterion = weights.criterion(solved.theta, at)
+        weights = weights.renewed(solution.theta, values)
+        values, solution, profiles = _minimum(method, problem, weights, values)
+    solved = method.solve(weights.rows(values))
+    misfits, known = known_misfits(problem.nuisances, values)
+    criterion = weights.criterion(solved.theta, values)
     return replace(
         solved,
         joint_parameters=(*solved.joint_parameters, *(nuisance.parameter for nuisance in searched)),
         met=shrinkage_bias(solved.solution, solved.joint_parameters),
-        nuisance_columns=nuisance_columns(weights, searched, at, solution.theta),
+        nuisance_columns=nuisance_columns(weights, searched, values, solution.theta),
         known=known,
         misfits=misfits,
-        nuisances=at,
+        nuisances=values,
         profiles=profiles,
         covariance_estimator=FEW_ROWS_DEFAULT if problem.few_rows else FLIGHT_DEFAULT,
         flight_criterion=None if criterion is None else criterion + sum(misfits),
@@ -440,8 +441,8 @@ def known_misfits(
     nuisances: Sequence[Nuisance], values: Values
 ) -> tuple[tuple[float, ...], Float[np.ndarray, "k q"]]:
     """Misfits of the nuisances that have priors; rows of what is known, first theirs and then of parts."""
-    searched = [nuisance for nuisance in nuisances if nuisance.searched]
-    names = [nuisance.name for nuisance in searched]
+    searched = [item for item in nuisances if item.searched]
+    names = [item.name for item in searched]
     ordered = sorted(searched, key=lambda item: item.prior is None)
     rows = [np.empty((0, len(names))), *(item.information(names, values) for item in ordered)]
     return tuple(item.misfit(values) for item in ordered if item.prior is not None), np.concatenate(rows)
@@ -451,12 +452,12 @@ def _minimum(
     method: LinearMethod, problem: SeparableProblem, weights: WeightedRows, start: Values | None
 ) -> Minimum:
     """Best nuisances with weights of one pass; roughly, where another pass follows."""
-    unknown = tuple(nuisance for nuisance in problem.nuisances if nuisance.searched)
+    searched = tuple(nuisance for nuisance in problem.nuisances if nuisance.searched)
     rows = weights.rows(problem.first_values)
-    check_freedom(rows.response.size, rows.regressors.shape[1] + len(unknown))
+    check_freedom(rows.response.size, rows.regressors.shape[1] + len(searched))
     if method.needs_instruments:
-        known = sum(nuisance.prior is not None or bool(nuisance.part_of) for nuisance in unknown)
-        check_instruments(rows, len(unknown) - known, method.name)
+        known = sum(nuisance.prior is not None or bool(nuisance.part_of) for nuisance in searched)
+        check_instruments(rows, len(searched) - known, method.name)
 
     # what is solved is mean(psi [phi' y]), neither corrected nor weighted
     plain = method.assembler.plain_products and isinstance(method.equation_weighting, Unweighted)
@@ -494,17 +495,17 @@ def first_steps(
 ) -> dict[str, tuple[float, float]]:
     """First step and standard error of what a wider problem has beyond an estimate, without a search."""
     searched = [item for item in problem.nuisances if item.searched]
-    at = {**{item.name: 0.0 for item in searched}, **estimate.nuisances}
+    values = {**{item.name: 0.0 for item in searched}, **estimate.nuisances}
     known = estimate.parameters
     theta = np.array([known.get(item.name, 0.0) for item in problem.parameters])
-    weights = method.row_weighting.last_pass(problem, theta, at)
-    solved = method.solve(weights.rows(at))
+    weights = method.row_weighting.last_pass(problem, theta, values)
+    solved = method.solve(weights.rows(values))
     parameters = (*problem.parameters, *(item.parameter for item in searched))
     wider = replace(
         solved,
         joint_parameters=parameters,
-        nuisance_columns=nuisance_columns(weights, searched, at, solved.theta),
-        known=known_misfits(problem.nuisances, at)[1],
+        nuisance_columns=nuisance_columns(weights, searched, values, solved.theta),
+        known=known_misfits(problem.nuisances, values)[1],
         covariance_estimator=estimate.covariance_estimator,
     )
     equation, starts = wider.equation, np.pad(solved.theta, (0, len(searched)))
@@ -514,17 +515,17 @@ def first_steps(
 
 
 def nuisance_columns(
-    weights: WeightedRows, searched: Sequence[Nuisance], at: Values, theta: Float[np.ndarray, " n"]
+    weights: WeightedRows, searched: Sequence[Nuisance], values: Values, theta: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "rows q"]:
     """Derivatives of Phi theta by nuisances, each a column; an empty table without any."""
-    made = [item.derivative(lambda moved: weights.rows(moved).regressors, at) @ theta for item in searched]
-    return np.array(made).T if made else np.empty((0, 0))
+    columns = [item.derivative(lambda v: weights.rows(v).regressors, values) @ theta for item in searched]
+    return np.array(columns).T if columns else np.empty((0, 0))
 
 
 def _in_smallest(matrix: Float[np.ndarray, "m n"], parameters: Sequence[Parameter]) -> str:
-    """Names of the parameters in the combination that a matrix gives least of."""
+    """Names of the parameters in the least determined combination."""
     pairs = zip(parameters, np.abs(np.linalg.svd(matrix)[2][-1]), strict=False)
-    return " and ".join(item.name for item, share in pairs if share > LEAST_SHARE)
+    return " and ".join(parameter.name for parameter, share in pairs if share > LEAST_SHARE)
 
 
 def _collinear(matrix: Float[np.ndarray, "m n"], parameters: Sequence[Parameter]) -> CollinearError:

@@ -90,7 +90,7 @@ class PairedBins:
         pairs, residual = replace(self, order=order), self.residual(bins)[:, order]
         densities = self.state.state_density, self.state.response_density
         velocity, acceleration = (None if np.isnan(density) else WhiteNoise(density) for density in densities)
-        prior = sampling.prior_of(pairs, residual, 1.0, (velocity, acceleration), disturbance_order=None)
+        prior = sampling.noise_prior(pairs, residual, 1.0, (velocity, acceleration), disturbance_order=None)
         return pairs, residual, sampling.fitted_noise(pairs, residual, prior.centre, prior), prior
 
 

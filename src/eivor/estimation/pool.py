@@ -27,9 +27,9 @@ from eivor.tools import Float
 
 @dataclass(frozen=True)
 class MemberSlopes:
-    """What a flight says of its own vector at the pool's estimate."""
+    """Jacobian and scores of a flight at the pool's estimate."""
 
-    seen: Float[np.ndarray, "q v"]
+    projected: Float[np.ndarray, "q v"]
     power: Float[np.ndarray, "v v"]
     meat: Float[np.ndarray, "v v"]
     nuisance_columns: Float[np.ndarray, "rows c"]  # Derivatives by the continuous nuisances
@@ -43,12 +43,12 @@ def member_slopes(
     rows = member.weights.rows(values)
     columns = nuisance_columns(member.weights, nuisances, values, theta)
     jacobian = np.column_stack([rows.regressors, *columns.T])
-    seen = rows.instruments.T @ jacobian
+    projected = rows.instruments.T @ jacobian
     residual = rows.response - rows.regressors @ theta
-    scores = rows.layout.scores(rows.instruments @ seen, residual)
+    scores = rows.layout.scores(rows.instruments @ projected, residual)
     averages = max(min(cov.COSINE_AVERAGES, len(scores) - jacobian.shape[1]), 1)
     meat = cov.cosine_covariance([scores], len(scores), averages)
-    return MemberSlopes(seen, jacobian.T @ jacobian, meat, columns, float(residual @ residual))
+    return MemberSlopes(projected, jacobian.T @ jacobian, meat, columns, float(residual @ residual))
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,10 @@ class PoolJoint:
 
     @cached_property
     def indices(self) -> list[np.ndarray]:
-        """Where the vector of each flight is in that of the pool."""
+        """Positions of each flight's vector in that of the pool."""
         first = self.flight_parameter_count + len(self.criterion.shared)
         nuisances = np.arange(first, self.criterion.unknowns)
-        linear = (self.criterion.indices_of(number)[1:] - 1 for number in range(len(self.slopes)))
+        linear = (self.criterion.positions(number)[1:] - 1 for number in range(len(self.slopes)))
         return [np.append(positions, nuisances) for positions in linear]
 
     @property
@@ -86,7 +86,7 @@ class PoolJoint:
 
     @cached_property
     def _prior(self) -> Float[np.ndarray, "m m"]:
-        """What is known beforehand of nuisances, as information."""
+        """Information of the nuisances' priors."""
         information = np.zeros((self.criterion.unknowns, self.criterion.unknowns))
         first = self.criterion.unknowns - self.known.shape[1]
         information[first:, first:] = self.known.T @ self.known
@@ -95,7 +95,7 @@ class PoolJoint:
     @cached_property
     def sensitivity(self) -> Float[np.ndarray, "m m"]:
         """Minus the derivative of all scores."""
-        return self._summed(lambda item: item.seen.T @ item.seen) + self.variance * self._prior
+        return self._summed(lambda item: item.projected.T @ item.projected) + self.variance * self._prior
 
     @cached_property
     def classical(self) -> Float[np.ndarray, "m m"]:
@@ -109,15 +109,15 @@ class PoolJoint:
         return self._widened(cov.sandwich(self.sensitivity, meat))
 
     def _widened(self, covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
-        """With the variance of what is shared times the inflation, and what that moves."""
+        """Covariance with the variance of shared parameters times the inflation, and its effect."""
         if self.inflation <= 1.0:
             return covariance
         first = self.flight_parameter_count
         H = self.sensitivity
-        moved = np.vstack([-np.linalg.solve(H[:first, :first], H[:first, first:]), np.eye(len(H) - first)])
-        return covariance + (self.inflation - 1.0) * moved @ covariance[first:, first:] @ moved.T
+        response = np.vstack([-np.linalg.solve(H[:first, :first], H[:first, first:]), np.eye(len(H) - first)])
+        return covariance + (self.inflation - 1.0) * response @ covariance[first:, first:] @ response.T
 
-    def of(self, mapping: Float[np.ndarray, "v m"]) -> cov.JointCovariance:
+    def combined(self, mapping: Float[np.ndarray, "v m"]) -> cov.JointCovariance:
         """Covariance of linear combinations of the pool's parameters."""
         robust = mapping @ self.by_cosines @ mapping.T
         cosines = cov.CovariancePart("equal_weighted_cosines", robust, float(cov.COSINE_AVERAGES))
@@ -126,11 +126,11 @@ class PoolJoint:
         )
 
     def shared_variance(self, direction: Float[np.ndarray, " m"]) -> float:
-        """What is shared adds so much to the variance of a combination of the flights' own parameters."""
+        """Variance that shared parameters add to a combination of the flights' own parameters."""
         first, H = self.flight_parameter_count, self.sensitivity
-        moved = -np.linalg.solve(H[:first, :first], H[:first, first:]).T @ direction[:first]
-        both = (self.classical, self.by_cosines)
-        return max(float(moved @ covariance[first:, first:] @ moved) for covariance in both)
+        response = -np.linalg.solve(H[:first, :first], H[:first, first:]).T @ direction[:first]
+        covariances = (self.classical, self.by_cosines)
+        return max(float(response @ covariance[first:, first:] @ response) for covariance in covariances)
 
     def flight_parameter_variance(self, positions: list[int]) -> Float[np.ndarray, " F"]:
         """Variance of a parameter of each flight's own, were what is shared known."""
@@ -149,11 +149,11 @@ class PoolJoint:
         directions = inverse / np.where(variances > 0.0, variances, np.inf)
         power = np.outer(scale, scale) * (self._summed(lambda item: item.power) + self.variance * self._prior)
         explained = 1.0 / np.where(variances > 0.0, variances, np.inf)
-        left = np.einsum("ij,ik,kj->j", directions, power, directions) - explained
+        unexplained = np.einsum("ij,ik,kj->j", directions, power, directions) - explained
         vector = self.slopes[0].power.shape[0]
         spare = max(self.criterion.instruments / len(self.slopes) - vector + 1.0, 1.0)
         rest = max(self.criterion.rows - self.criterion.instruments, 1)
-        return np.where(left > 0.0, explained / spare / (left / rest), np.inf)
+        return np.where(unexplained > 0.0, explained / spare / (unexplained / rest), np.inf)
 
 
 #: Flights differ, in what is their own or in what they share, when chance explains it so rarely.
@@ -199,8 +199,8 @@ class Pooled:
         """The pool linearised there; what is shared has its variance multiplied."""
         unknown = tuple(axis.nuisance for axis in self.criterion.nodes.axes)
         slopes = tuple(
-            member_slopes(member, unknown, self.values, item)
-            for member, item in zip(self.criterion.members, self.theta, strict=True)
+            member_slopes(member, unknown, self.values, theta)
+            for member, theta in zip(self.criterion.members, self.theta, strict=True)
         )
         known = known_misfits(self.nuisances, self.values)[1]
         return PoolJoint(self.criterion, slopes, known, self.inflation)
@@ -212,7 +212,8 @@ class Pooled:
         unknown = tuple(axis.nuisance for axis in nodes.axes)
         if not unknown:
             return ()
-        return profiles_of(unknown, [axis.values for axis in nodes.axes], self.criterion.least(nodes.nodes))
+        grids = [axis.values for axis in nodes.axes]
+        return profiles_of(unknown, grids, self.criterion.profile_over(nodes.nodes))
 
     @property
     def problems(self) -> tuple[SeparableProblem, ...]:
@@ -230,12 +231,12 @@ class Pooled:
         return self.separate or self.agreement_p_value < DIFFERENT
 
     def member(self, number: int) -> Estimate:
-        """Estimate of one flight, with what the pool says of what it shares."""
+        """Estimate of one flight, with the pool's values of shared parameters."""
         return self._estimate(
             self.criterion.members[number].weights.rows(self.values),
             self.theta[number],
             self.joint.slopes[number].nuisance_columns,
-            self.joint.of(np.eye(self.criterion.unknowns)[self.joint.indices[number]]),
+            self.joint.combined(np.eye(self.criterion.unknowns)[self.joint.indices[number]]),
         )
 
     @property
@@ -250,10 +251,10 @@ class Pooled:
         position = self._positions([name])[0]
         members = self.criterion.members
 
-        least = self.criterion.minimum[1]
-        profiles = self.criterion.below(least + self._largest_excess(level), position)
+        minimum = self.criterion.minimum[1]
+        profiles = self.criterion.sets_below(minimum + self._largest_excess(level), position)
         robust = {
-            count: self.criterion.below(least + chi_square_quantile(level, count), position)
+            count: self.criterion.sets_below(minimum + chi_square_quantile(level, count), position)
             for count in {member.instruments for member in members}
         }
         return tuple(
@@ -265,18 +266,18 @@ class Pooled:
             for number, member in enumerate(members)
         )
 
-    def whole_sets(self, name: str, level: float = 0.95) -> sets.ParameterSets | None:
+    def common_sets(self, name: str, level: float = 0.95) -> sets.ParameterSets | None:
         """Sets of a parameter that all flights have in common, or of the common value of one that is not."""
         is_specific = name in self.flight_specific
         if not self.has_sets or (is_specific and self.differs):
             return None
         position = self._positions([name])[0]
         criterion = self.common if is_specific else self.criterion
-        instruments, least = max(member.instruments for member in criterion.members), criterion.minimum[1]
+        instruments, minimum = max(member.instruments for member in criterion.members), criterion.minimum[1]
         return sets.ParameterSets(
-            ConfidenceSet((self.whole().interval(name, level),)),
-            criterion.below(least + self._largest_excess(level), position)[0],
-            criterion.below(least + chi_square_quantile(level, instruments), position)[0],
+            ConfidenceSet((self.pooled_estimate().interval(name, level),)),
+            criterion.sets_below(minimum + self._largest_excess(level), position)[0],
+            criterion.sets_below(minimum + chi_square_quantile(level, instruments), position)[0],
         )
 
     def lag_set(self, names: Sequence[str], level: float = 0.95) -> ConfidenceSet | None:
@@ -284,10 +285,10 @@ class Pooled:
         if not self.criterion.nodes.axes or not self.has_sets:
             return None
         bound = self.criterion.minimum[1] + self._largest_excess(level)
-        return self.criterion.of_sum(names, self.values, bound)
+        return self.criterion.sum_set(names, self.values, bound)
 
     def _largest_excess(self, level: float) -> float:
-        """By how much J may exceed its least in a profile set; more where what is shared differs."""
+        """Largest excess of J over its minimum in a profile set; more where shared values differ."""
         return self.inflation * t_quantile(level, sets.DEGREES) ** 2
 
     def mean(self, name: str) -> CommonValue:
@@ -308,24 +309,22 @@ class Pooled:
         parameters = [parameter.name for parameter in self.estimates[0].rows.parameters]
         return [parameters.index(name) for name in names]
 
-    def whole(self) -> Estimate:
+    def pooled_estimate(self) -> Estimate:
         """Estimate of the pool: what is shared, and the common value or the mean of what is not."""
-        # of rows of all flights, their response less what a flight's own parameters differ from the mean
+        # rows of all flights, their responses corrected to the mean of the flights' own parameters
         joint, positions = self.joint, self._positions(self.flight_specific)
         means = dict(zip(positions, map(self.mean, self.flight_specific), strict=True))
         theta = self.theta[0].copy()
         theta[positions] = [means[position][0] for position in positions]
-        made = [member.weights.rows(self.values) for member in self.criterion.members]
-        each = list(zip(made, self.theta, joint.slopes, strict=True))
-        layouts = [item.layout for item in made if isinstance(item.layout, BinRows)]
+        flight_rows = [member.weights.rows(self.values) for member in self.criterion.members]
+        pool = list(zip(flight_rows, self.theta, joint.slopes, strict=True))
+        layouts = [part.layout for part in flight_rows if isinstance(part.layout, BinRows)]
         rows = Regression(
-            np.concatenate([item.response - item.regressors @ (values - theta) for item, values, _ in each]),
-            np.concatenate([item.regressors for item in made]),
-            np.concatenate([item.instruments @ slopes.seen for item, _, slopes in each]),
-            made[0].parameters,
-            BinRows(
-                tuple(replace(run, flight=at) for at, layout in enumerate(layouts) for run in layout.runs)
-            ),
+            np.concatenate([part.response - part.regressors @ (values - theta) for part, values, _ in pool]),
+            np.concatenate([part.regressors for part in flight_rows]),
+            np.concatenate([part.instruments @ slopes.projected for part, _, slopes in pool]),
+            flight_rows[0].parameters,
+            BinRows(tuple(replace(run, flight=k) for k, layout in enumerate(layouts) for run in layout.runs)),
         )
         columns = np.concatenate([slopes.nuisance_columns for slopes in joint.slopes])
         vector = np.eye(joint.criterion.unknowns)[joint.indices[0]]
@@ -338,15 +337,15 @@ class Pooled:
         self, joint: PoolJoint, vector: Float[np.ndarray, "v m"], means: dict[int, CommonValue]
     ) -> cov.JointCovariance:
         """Of the mean and of what is shared; where flights differ, with a part for that."""
-        result = joint.of(vector)
+        result = joint.combined(vector)
         variances = np.zeros(vector.shape[0])
         for element, (_, _, differing) in means.items():
             if differing is not None:
                 variances[element] = differing + joint.shared_variance(vector[element])
         if not variances.any():
             return result
-        between = cov.CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))
-        return cov.JointCovariance((*result.parts, between))
+        part = cov.CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))
+        return cov.JointCovariance((*result.parts, part))
 
     def _estimate(
         self,
@@ -396,15 +395,15 @@ def pooled(
 
     def weighted(values: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> sets.Criterion:
         shared, members = np.median(theta, axis=0), []
-        for problem, here, parameters, estimate in zip(problems, values, theta, estimates, strict=True):
+        for problem, point, parameters, estimate in zip(problems, values, theta, estimates, strict=True):
             centre = shared.copy()
             centre[specific] = parameters[specific]
             # products of a flight, whitened by its residual at some values
-            weights = whitened_by_residuals(problem, parameters, {**here, **nodes.fixed})
-            (made,) = sets.NuisanceProducts.of_rows(weights, nodes).values()
+            weights = whitened_by_residuals(problem, parameters, {**point, **nodes.fixed})
+            (products,) = sets.NuisanceProducts.of_rows(weights, nodes).values()
             count = weights.basis.shape[0] * estimate.rows.layout.independent
             members.append(
-                sets.PoolMember(problem, weights, centre, made.combined(sets.about(centre)), count)
+                sets.PoolMember(problem, weights, centre, products.combined(sets.about(centre)), count)
             )
         return sets.Criterion(tuple(members), tuple(specific), nodes, sets.known_priors(nodes))
 
@@ -417,9 +416,9 @@ def pooled(
 
 def _differences(criterion: sets.Criterion) -> tuple[float, float]:
     """P-value of agreement in what is shared, and by what its variance is multiplied."""
-    together = replace(criterion, known={}).minimum[1]
-    alone = sum(replace(criterion, members=(member,), known={}).minimum[1] for member in criterion.members)
+    joint = replace(criterion, known={}).minimum[1]
+    separate = sum(replace(criterion, members=(member,), known={}).minimum[1] for member in criterion.members)
     degrees = (len(criterion.members) - 1) * (len(criterion.shared) + len(criterion.nodes.axes))
-    excess = max(together - alone, 0.0)
+    excess = max(joint - separate, 0.0)
     p_value = chi_square_tail(excess, degrees)
     return p_value, max(excess / degrees, 1.0) if p_value < DIFFERENT else 1.0

@@ -50,18 +50,17 @@ class NuisanceProducts:
         kinds: Iterable[bytes] = repeat(b""),
     ) -> dict[bytes, NuisanceProducts]:
         """Products of the runs of each kind, by default of all, with an orthonormal basis of instruments."""
-        between = weights.problem.interpolation
-        made: dict[tuple[bytes, bytes], RunSums] = {}
-        points, of = (nodes.points, nodes.weights) if between is None else (between.points, between.weights)
-        runs = weights.sums(points, weights.basis if basis is None else basis)
+        source = weights.problem.interpolation or nodes
+        sums: dict[tuple[bytes, bytes], RunSums] = {}
+        runs = weights.sums(source.points, weights.basis if basis is None else basis)
         for kind, (still, moving, equations, power) in zip(kinds, runs, strict=False):
             key = kind, moving.tobytes()
-            *_, E, P = made.get(key, (0.0, 0.0))
-            made[key] = still, moving, E + equations, P + power
+            *_, E, P = sums.get(key, (0.0, 0.0))
+            sums[key] = still, moving, E + equations, P + power
         results: dict[bytes, NuisanceProducts] = {}
-        for (kind, _), (still, moving, equations, power) in made.items():
-            part = cls(of, equations, _root(power, still, moving, equations.shape[0]))
-            results[kind] = part.joined(results[kind]) if kind in results else part
+        for (kind, _), (still, moving, equations, power) in sums.items():
+            products = cls(source.weights, equations, _root(power, still, moving, equations.shape[0]))
+            results[kind] = products.joined(results[kind]) if kind in results else products
         return results
 
     def joined(self, other: NuisanceProducts) -> NuisanceProducts:
@@ -76,17 +75,17 @@ class NuisanceProducts:
         equations = self.equations if instruments is None else instruments.T @ self.equations
         return replace(self, equations=equations @ columns, root=self.root @ columns)
 
-    def at(
+    def evaluate(
         self, values: ManyValues
     ) -> tuple[Float[np.ndarray, "points q b"], Float[np.ndarray, "points r b"]]:
-        W = self.weights(values)
-        return np.tensordot(W, self.equations, 1), np.tensordot(W, self.root, 1)
+        weights = self.weights(values)
+        return np.tensordot(weights, self.equations, 1), np.tensordot(weights, self.root, 1)
 
 
 def _root(
     power: np.ndarray, still: Int[np.ndarray, " f"], moving: Int[np.ndarray, " m"], nodes: int
 ) -> Float[np.ndarray, "nodes r b"]:
-    """A root of products at each node, as smooth between nodes as these; the same for all if interpolated."""
+    """Root of the products at each node, as smooth between nodes; the same for all if interpolated."""
     count, size = still.size, int(still[-1]) + 1
     lengths = np.sqrt(np.diagonal(power.mean(axis=0) if power.ndim > 2 else power))
     lengths = np.where(lengths > 0.0, lengths, 1.0)
@@ -94,12 +93,12 @@ def _root(
     root = np.sqrt(np.maximum(squares, 0.0))[..., None] * directions.swapaxes(-1, -2)
     if power.ndim > 2:
         root = directions @ root * lengths
-        moved = root[..., count:]
+        moving_root = root[..., count:]
     else:
         root = root[squares > SMALLEST_POWER * squares[-1]] * lengths
-        moved = root[:, count:].reshape(len(root), nodes, moving.size).swapaxes(0, 1)
+        moving_root = root[:, count:].reshape(len(root), nodes, moving.size).swapaxes(0, 1)
     result = np.zeros((nodes, root.shape[-2], size))
-    result[..., still], result[..., moving] = root[..., :count], moved
+    result[..., still], result[..., moving] = root[..., :count], moving_root
     return result
 
 
@@ -133,8 +132,8 @@ def about(centre: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n_plus_1 n_plus
     return change
 
 
-#: Places between two nodes at which minima are looked for.
-BETWEEN = 4
+#: Steps from node to node at which minima are looked for.
+NODE_STEPS = 4
 #: Points and rounds of a closer look at minima: each round is finer by half the points.
 SCAN_POINTS, SCAN_ROUNDS = 9, 6
 #: Most steps to a place where J is at a bound, but for a share of that.
@@ -185,12 +184,12 @@ class Criterion:
         """Independent instruments of all flights."""
         return sum(member.instruments for member in self.members)
 
-    def indices_of(self, number: int) -> np.ndarray:
-        """Where residual and parameters of a flight are among those of all."""
+    def positions(self, flight: int) -> np.ndarray:
+        """Positions of a flight's residual and parameters among those of all flights."""
         flights, specific = len(self.members), len(self.flight_specific)
         positions = np.zeros(1 + self.size, dtype=np.int64)
-        positions[[1 + item for item in self.flight_specific]] = 1 + number * specific + np.arange(specific)
-        positions[[1 + item for item in self.shared]] = 1 + flights * specific + np.arange(len(self.shared))
+        positions[[1 + index for index in self.flight_specific]] = 1 + flight * specific + np.arange(specific)
+        positions[[1 + index for index in self.shared]] = 1 + flights * specific + np.arange(len(self.shared))
         return positions
 
     @cached_property
@@ -207,7 +206,7 @@ class Criterion:
 
     def _forms(self, values: ManyValues) -> tuple[Forms, Forms]:
         """Squares of each flight's equations, and its power over rows less unknowns."""
-        N, D = zip(*(item.at(values) for item in self._scaled), strict=True)
+        N, D = zip(*(products.evaluate(values) for products in self._scaled), strict=True)
         N, D = (np.stack([part.swapaxes(1, 2) @ part for part in parts]) for parts in (N, D))
         return N, D / (self.rows - self.unknowns)
 
@@ -216,36 +215,36 @@ class Criterion:
         width = 1 + len(self.members) * len(self.flight_specific) + len(self.shared)
         joined = np.zeros((blocks.shape[1], width, width))
         for number, block in enumerate(blocks):
-            positions = self.indices_of(number)
+            positions = self.positions(number)
             joined[:, positions[:, None], positions] += block
         return joined
 
-    def least(self, box: Box) -> Float[np.ndarray, " points"]:
-        """Least J at the points of a box."""
-        return self._least(self.nodes.values_over(box))
+    def profile_over(self, box: Box) -> Float[np.ndarray, " points"]:
+        """J at the points of a box, least over the linear parameters."""
+        return self._profile(self.nodes.values_over(box))
 
-    def _least(self, values: ManyValues) -> Float[np.ndarray, " points"]:
+    def _profile(self, values: ManyValues) -> Float[np.ndarray, " points"]:
         return least_ratio(*map(self._joined, self._forms(values))) + self.nodes.misfit(values, self.known)
 
     @cached_property
     def minimum(self) -> tuple[Values, float]:
         """Nuisances where J is least, and J there."""
-        result = argmin(self.least, self.nodes.nodes)
-        return self.nodes.values_at(result), float(self.least([*result[:, None]])[0])
+        result = argmin(self.profile_over, self.nodes.nodes)
+        return self.nodes.values_at(result), float(self.profile_over([*result[:, None]])[0])
 
     def parameters(self, nuisances: Values) -> list[Float[np.ndarray, " n"]]:
         """Linear parameters of each flight where J is least, at values of the nuisances."""
-        made = [member.weights.rows(nuisances) for member in self.members]  # themselves, not between nodes
+        weighted = [member.weights.rows(nuisances) for member in self.members]  # exact, not interpolated
         columns = [
             np.column_stack([rows.regressors, rows.response]) @ (about(member.centre) / self._scales)
-            for rows, member in zip(made, self.members, strict=True)
+            for rows, member in zip(weighted, self.members, strict=True)
         ]
-        seen = [rows.instruments.T @ item for rows, item in zip(made, columns, strict=True)]
-        N, D = (self._joined(np.stack([(a.T @ a)[None] for a in part]))[0] for part in (seen, columns))
+        moments = [rows.instruments.T @ column for rows, column in zip(weighted, columns, strict=True)]
+        N, D = (self._joined(np.stack([(a.T @ a)[None] for a in part]))[0] for part in (moments, columns))
         x = scipy.linalg.eigh(N, D, subset_by_index=(0, 0))[1][:, 0]
         differences = -x / x[0] * self._scales[0]
         return [
-            member.centre + differences[self.indices_of(number)][1:] / self._scales[1:]
+            member.centre + differences[self.positions(number)][1:] / self._scales[1:]
             for number, member in enumerate(self.members)
         ]
 
@@ -260,42 +259,42 @@ class Criterion:
 
     def _values_at(self, rows: Rows, places: Places) -> ManyValues:
         """Values of the nuisances at some places of slices, the places of a row all of one slice."""
-        of_slices = {name: np.array([point[name] for point in self.slices]) for name in self.slices[0]}
-        values = {name: np.repeat(item[rows], places.shape[1]) for name, item in of_slices.items()}
+        slice_values = {name: np.array([point[name] for point in self.slices]) for name in self.slices[0]}
+        values = {name: np.repeat(column[rows], places.shape[1]) for name, column in slice_values.items()}
         if self._axis is not None:
             values[self._axis.nuisance.name] = self._axis.values_at(places.ravel())
         return values
 
-    def least_at(self, rows: Rows, places: Places) -> Places:
-        """Least J at some places of slices."""
-        return self._least(self._values_at(rows, places)).reshape(places.shape)
+    def profile_at(self, rows: Rows, places: Places) -> Places:
+        """J at some places of slices, least over the linear parameters."""
+        return self._profile(self._values_at(rows, places)).reshape(places.shape)
 
     @cached_property
     def _scanned(self) -> list[tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]:
-        """Of each slice places between the nodes with all minima among them, in order, and J there."""
-        every = np.arange(len(self.slices))
+        """Places along each slice, in order and with all minima among them, and J there."""
+        numbers = np.arange(len(self.slices))
         if self._axis is None:
-            return [(np.zeros(1), self.least_at(every, np.zeros((1, 1)))[0])]
+            return [(np.zeros(1), self.profile_at(numbers, np.zeros((1, 1)))[0])]
         nodes = self._axis.nodes
-        steps = np.arange((nodes.size - 1) * BETWEEN + 1) / BETWEEN
+        steps = np.arange((nodes.size - 1) * NODE_STEPS + 1) / NODE_STEPS
         positions = np.interp(steps, np.arange(nodes.size), nodes)
-        J = self.least_at(every, np.tile(positions, (every.size, 1)))
+        J = self.profile_at(numbers, np.tile(positions, (numbers.size, 1)))
         padded = np.pad(J, ((0, 0), (1, 1)), constant_values=inf)
         rows, lowest = np.nonzero((padded[:, :-2] >= J) & (padded[:, 2:] >= J))
         low = positions[np.maximum(lowest - 1, 0)]
         high = positions[np.minimum(lowest + 1, positions.size - 1)]
         for _ in range(SCAN_ROUNDS):
             places = np.linspace(low, high, SCAN_POINTS, axis=1)
-            best = np.argmin(self.least_at(rows, places), axis=1)
+            best = np.argmin(self.profile_at(rows, places), axis=1)
             low, high = (
                 places[np.arange(rows.size), np.clip(best + step, 0, SCAN_POINTS - 1)] for step in (-1, 1)
             )
         minima = 0.5 * (low + high)
-        least, results = self.least_at(rows, minima[:, None])[:, 0], []
-        for number in every:
+        J_minima, results = self.profile_at(rows, minima[:, None])[:, 0], []
+        for number in numbers:
             places = np.append(positions, minima[rows == number])
             order = np.argsort(places, kind="stable")
-            results.append((places[order], np.append(J[number], least[rows == number])[order]))
+            results.append((places[order], np.append(J[number], J_minima[rows == number])[order]))
         return results
 
     @property
@@ -303,35 +302,35 @@ class Criterion:
         return np.array([J.min() for _, J in self._scanned])
 
     def _edges(
-        self, rows: Rows, bound: float, inside: Edges, outside: Edges, within: Edges, beyond: Edges
+        self, rows: Rows, bound: float, inside: Edges, outside: Edges, J_inside: Edges, J_outside: Edges
     ) -> Edges:
         """Places at which J meets a bound, between those inside and outside, by the Illinois rule."""
-        within, beyond = within - bound, beyond - bound
-        last = np.zeros(rows.size)
+        J_inside, J_outside = J_inside - bound, J_outside - bound
+        last_side = np.zeros(rows.size)
         for _ in range(ROOT_ROUNDS if rows.size and self._axis is not None else 0):
-            apart = np.where(beyond > within, beyond - within, 1.0)
-            point = inside + np.where(beyond > within, -within / apart, 0.0) * (outside - inside)
-            excess = self.least_at(rows, point[:, None])[:, 0] - bound
+            rise = np.where(J_outside > J_inside, J_outside - J_inside, 1.0)
+            position = inside + np.where(J_outside > J_inside, -J_inside / rise, 0.0) * (outside - inside)
+            excess = self.profile_at(rows, position[:, None])[:, 0] - bound
             fits = excess <= 0.0
             side = np.where(fits, 1.0, -1.0)
             # the end that stays a second time counts half
-            halved = np.where(side == last, 0.5, 1.0)
-            inside, within = np.where(fits, point, inside), np.where(fits, excess, halved * within)
-            outside, beyond = np.where(fits, outside, point), np.where(fits, halved * beyond, excess)
-            last = side
-            if np.all((within >= -ROOT_SHARE * bound) | (inside == outside)):
+            halved = np.where(side == last_side, 0.5, 1.0)
+            inside, J_inside = np.where(fits, position, inside), np.where(fits, excess, halved * J_inside)
+            outside, J_outside = np.where(fits, outside, position), np.where(fits, halved * J_outside, excess)
+            last_side = side
+            if np.all((J_inside >= -ROOT_SHARE * bound) | (inside == outside)):
                 break
         return inside
 
     @cached_property
-    def _known(self) -> dict[float, tuple[Rows, Places, Bool[np.ndarray, " R"]]]:
-        """Stretches of each bound: all parameters have the same."""
+    def _stretches(self) -> dict[float, tuple[Rows, Places, Bool[np.ndarray, " R"]]]:
+        """Stretches by their bound, which are the same for all parameters."""
         return {}
 
     def stretches(self, bound: float) -> tuple[Rows, Places, Bool[np.ndarray, " R"]]:
-        """Number of the slice, places, and whether J would stay below the bound beyond, of each stretch."""
-        if bound in self._known:
-            return self._known[bound]
+        """Slice, places, and whether J would stay below the bound beyond, of each stretch below it."""
+        if bound in self._stretches:
+            return self._stretches[bound]
         parts = []
         for number, (positions, J) in enumerate(self._scanned):
             parts += [(number, positions, J, part.start, part.stop) for part in stretches(bound >= J)]
@@ -342,27 +341,27 @@ class Criterion:
             both = [(x[i], x[o], J[i], J[o]) for (_, x, J, *_), (i, o) in zip(parts, index, strict=True)]
             ends = np.array(both).swapaxes(0, 1)
         inside = self._edges(np.repeat(rows, 2), bound, *ends.reshape(4, -1))
-        turned = 0.5 - 0.5 * np.cos(np.pi * np.arange(POSITIONS) / (POSITIONS - 1))
-        within = [
-            np.unique(np.concatenate([low + (high - low) * turned, positions[start:stop]]))
+        shares = 0.5 - 0.5 * np.cos(np.pi * np.arange(POSITIONS) / (POSITIONS - 1))
+        grids = [
+            np.unique(np.concatenate([low + (high - low) * shares, positions[start:stop]]))
             for (_, positions, _, start, stop), (low, high) in zip(parts, inside.reshape(-1, 2), strict=True)
         ]
-        most = max((item.size for item in within), default=0)
-        padded = np.array([np.append(item, np.full(most - item.size, item[-1])) for item in within])
+        longest = max((grid.size for grid in grids), default=0)
+        padded = np.array([np.append(grid, np.full(longest - grid.size, grid[-1])) for grid in grids])
         positive = self._axis is not None and self._axis.nuisance.positive
         cut_short = [positive and stop == positions.size for _, positions, *_, stop in parts]
-        made = rows, padded.reshape(rows.size, max(most, 1)), np.array(cut_short, dtype=np.bool_)
-        return self._known.setdefault(bound, made)
+        result = rows, padded.reshape(rows.size, max(longest, 1)), np.array(cut_short, dtype=np.bool_)
+        return self._stretches.setdefault(bound, result)
 
-    def below(self, bound: float, position: int) -> list[ConfidenceSet]:
+    def sets_below(self, bound: float, position: int) -> list[ConfidenceSet]:
         """For each flight the values of one parameter at which J is at most a bound."""
         rows, places, cut_short = self.stretches(bound)
         if not rows.size:
             return [ConfidenceSet.empty() for _ in self.members]
         pieces: list[list[tuple[float, float]]] = [[] for _ in self.members]
         values = self._values_at(rows, places)
-        (N, D), left = self._forms(values), bound - self.nodes.misfit(values, self.known)
-        for number, (Q, free) in enumerate(self._others_free(N - np.reshape(left, (-1, 1, 1)) * D)):
+        (N, D), bounds = self._forms(values), bound - self.nodes.misfit(values, self.known)
+        for number, (Q, free) in enumerate(self._flight_forms(N - np.reshape(bounds, (-1, 1, 1)) * D)):
             fitting = allowed(Q, 1 + position)
             parts = (fitting.low, fitting.high, fitting.outside, free)
             scale = self._scales[0] / self._scales[1 + position]
@@ -371,33 +370,33 @@ class Criterion:
                 cut_short, *(x.reshape(places.shape) for x in parts), strict=True
             ):
                 part = Allowed(*ends)
-                made = part.continued() if cut else part.pieces()
-                made = [(-inf, inf)] if unbounded.any() else made
-                pieces[number] += [(float(centre + a * scale), float(centre + b * scale)) for a, b in made]
+                spans = part.continued() if cut else part.pieces()
+                spans = [(-inf, inf)] if unbounded.any() else spans
+                pieces[number] += [(float(centre + a * scale), float(centre + b * scale)) for a, b in spans]
         return [ConfidenceSet.union(item) for item in pieces]
 
-    def _others_free(self, Q: Forms) -> list[tuple[Float[np.ndarray, "m c c"], Bool[np.ndarray, " m"]]]:
-        """For each flight the form of its parameters, those of the other flights where the form is least."""
-        kept = [0, *(1 + item for item in self.shared)]
-        rest, free = concentrated(Q, kept)
-        total, some = rest.sum(axis=0), free.sum(axis=0)
+    def _flight_forms(self, Q: Forms) -> list[tuple[Float[np.ndarray, "m c c"], Bool[np.ndarray, " m"]]]:
+        """Form of each flight's parameters, minimised over those of the other flights."""
+        shared = [0, *(1 + item for item in self.shared)]
+        rest, free = concentrated(Q, shared)
+        total, free_count = rest.sum(axis=0), free.sum(axis=0)
         results = []
         for number, block in enumerate(Q):
-            whole = block.copy()
-            whole[:, np.array(kept)[:, None], kept] += total - rest[number]
-            results.append((whole, some > free[number]))
+            form = block.copy()
+            form[:, np.array(shared)[:, None], shared] += total - rest[number]
+            results.append((form, free_count > free[number]))
         return results
 
-    def of_sum(self, names: Sequence[str], at: Values, bound: float) -> ConfidenceSet:
-        """Values of the sum of some nuisances at which J is at most a bound, that of `at` among them."""
-        axis, here = self.nodes.axes[0], sum(at[name] for name in names)
+    def sum_set(self, names: Sequence[str], nuisances: Values, bound: float) -> ConfidenceSet:
+        """Values of the sum of some nuisances at which J is at most a bound, and that of the estimate."""
+        axis, estimate = self.nodes.axes[0], sum(nuisances[name] for name in names)
         first = axis.nuisance
         others = np.array([sum(point[name] for name in names if name != first.name) for point in self.slices])
         if first.name not in names:  # between slices the root of the excess is straight
             excesses = np.append(np.maximum(self.minima - self.minima.min(), 0.0), 0.0)
-            order = np.argsort(np.append(others, here), kind="stable")
-            values, roots = np.append(others, here)[order], np.sqrt(excesses[order])
-            fine = np.unique(np.append(np.linspace(values[0], values[-1], PROFILE_POINTS), here))
+            order = np.argsort(np.append(others, estimate), kind="stable")
+            values, roots = np.append(others, estimate)[order], np.sqrt(excesses[order])
+            fine = np.unique(np.append(np.linspace(values[0], values[-1], PROFILE_POINTS), estimate))
             fits = np.interp(fine, values, roots) <= np.sqrt(max(bound - self.minima.min(), 0.0))
             return ConfidenceSet.union((float(fine[a][0]), float(fine[a][-1])) for a in stretches(fits))
         rows, places, cut_short = self.stretches(bound)
@@ -405,7 +404,7 @@ class Criterion:
         low = np.where(first.positive & (places[:, 0] == axis.nodes[0]), 0.0, low)
         high = np.where(cut_short, inf, high)
         pieces = zip((others[rows] + low).tolist(), (others[rows] + high).tolist(), strict=True)
-        return ConfidenceSet.union([(here, here), *pieces])
+        return ConfidenceSet.union([(estimate, estimate), *pieces])
 
 
 #: Degrees of freedom of the cosine averages, whose quantile the profile set takes over.
@@ -436,7 +435,7 @@ class ParameterSets:
 
 
 class _Part(msgspec.Struct, frozen=True):
-    """What some equations say of the nuisances."""
+    """Criterion of some equations."""
 
     criterion: Criterion
     degrees: float  # Instruments less unknowns, but for what the set is of
@@ -472,7 +471,7 @@ class ProfileSets:
         if not self.available:
             return None
         part = self._part([bool(present[position]) for _, present in self._runs])
-        if part.criterion is not self._of_all_rows:
+        if part.criterion is not self._full_criterion:
             position -= sum(parameters.index(other) < position for other in part.strange)
             products = [member.products.equations for member in part.criterion.members]
             if all(
@@ -481,7 +480,7 @@ class ProfileSets:
             ):
                 return None  # an equation that no nuisance moves
         wald = estimate.interval(name, level)
-        return self._sets(part, lambda bound: part.criterion.below(bound, position)[0], wald, level)
+        return self._sets(part, lambda bound: part.criterion.sets_below(bound, position)[0], wald, level)
 
     def of_nuisances(self, names: Sequence[str], level: float = 0.95) -> ParameterSets | None:
         """Sets of the sum of some nuisances; None where none of them is searched for."""
@@ -490,11 +489,11 @@ class ProfileSets:
             return None
         estimate, part = self.estimate, self._excited
         direction = sum(estimate.direction(name) for name in names if name in searched)
-        here = sum(estimate.nuisances[name] for name in names)
+        value = sum(estimate.nuisances[name] for name in names)
         half = estimate.joint_covariance.half_width(np.asarray(direction), level)
-        wald = (here - half, here + half)
+        wald = (value - half, value + half)
         return self._sets(
-            part, lambda bound: part.criterion.of_sum(names, estimate.nuisances, bound), wald, level
+            part, lambda bound: part.criterion.sum_set(names, estimate.nuisances, bound), wald, level
         )
 
     @cached_property
@@ -510,7 +509,7 @@ class ProfileSets:
         sizes = [size for size, _ in self._runs]
         involved = np.repeat(used, sizes)
         moving = np.flatnonzero(rows.regressors[involved].any(axis=0))
-        criterion = self._of_all_rows
+        criterion = self._full_criterion
         if not (involved.all() and moving.size == count):
             instruments = np.eye(rows.instruments.shape[1])
             if not involved.all():
@@ -522,33 +521,33 @@ class ProfileSets:
         return _Part(criterion, degrees - (estimate.unknowns - len(strange) - 1), strange)
 
     def _sets(
-        self, part: _Part, below: Callable[[float], ConfidenceSet], wald: tuple[float, float], level: float
+        self, part: _Part, set_at: Callable[[float], ConfidenceSet], wald: tuple[float, float], level: float
     ) -> ParameterSets | None:
         try:
-            least = float(part.criterion.minima.min())
+            minimum = float(part.criterion.minima.min())
         except np.linalg.LinAlgError:
             return None
         stages = zip(self.estimate.names, self.estimate.first_stage, strict=True)
         degrees = part.degrees
         strength = degrees * float(min(F for name, F in stages if name not in part.strange))
         excess = distributions.t_quantile(level, DEGREES) ** 2
-        profile = conditional = below(least + excess)
-        if (more := distributions.conditional_ratio_quantile(level, degrees, strength)) > excess:
-            conditional = below(least + more)
-        anderson_rubin = below(distributions.chi_square_quantile(level, max(degrees, 1)))
+        profile = conditional = set_at(minimum + excess)
+        if (larger := distributions.conditional_ratio_quantile(level, degrees, strength)) > excess:
+            conditional = set_at(minimum + larger)
+        anderson_rubin = set_at(distributions.chi_square_quantile(level, max(degrees, 1)))
         return ParameterSets(ConfidenceSet((wald,)), profile, anderson_rubin, part.strange, conditional)
 
     @cached_property
-    def _of_all_rows(self) -> Criterion:
+    def _full_criterion(self) -> Criterion:
         rows = self.estimate.rows
-        every = np.ones(rows.response.size, dtype=np.bool_)
-        return self._criterion(every, np.arange(rows.regressors.shape[1]), np.eye(rows.instruments.shape[1]))
+        used = np.ones(rows.response.size, dtype=np.bool_)
+        return self._criterion(used, np.arange(rows.regressors.shape[1]), np.eye(rows.instruments.shape[1]))
 
     @cached_property
     def _weights(self) -> WhitenedRows:
         weighting = cast("LinearMethod", by_name(self.estimate.method).of_flights).row_weighting
-        made = weighting.last_pass(self.problem, self.estimate.theta, self.estimate.nuisances)
-        return cast("WhitenedRows", made)
+        weights = weighting.last_pass(self.problem, self.estimate.theta, self.estimate.nuisances)
+        return cast("WhitenedRows", weights)
 
     @cached_property
     def _runs(self) -> list[tuple[int, Bool[np.ndarray, " n"]]]:
@@ -563,8 +562,8 @@ class ProfileSets:
         kinds = [present.tobytes() for _, present in self._runs]
         starts = np.cumsum([0, *(size for size, _ in self._runs)]).tolist()
         instruments = self.estimate.rows.instruments
-        made = NuisanceProducts.of_rows(self._weights, self.nodes, instruments, kinds)
-        return [(starts[kinds.index(kind)], item) for kind, item in made.items()]
+        by_kind = NuisanceProducts.of_rows(self._weights, self.nodes, instruments, kinds)
+        return [(starts[kinds.index(kind)], products) for kind, products in by_kind.items()]
 
     def _criterion(
         self,

@@ -59,7 +59,7 @@ class PairSpectrum:
         result[..., 1, :] = cross.conj() * pairs[..., 0, :] + second * pairs[..., 1, :]
         return result
 
-    def between(self, other: PairSpectrum) -> PairSpectrum:
+    def sandwich(self, other: PairSpectrum) -> PairSpectrum:
         """other^-1 C other^-1."""
         a, b, c = other.inverse
         twice, size = 2.0 * (c.conj() * self.cross).real, c.real**2 + c.imag**2
@@ -121,23 +121,23 @@ class NoiseModel:
     orders: Float[np.ndarray, " 3"]
 
     def spectrum(self, pairs: PairedEquations) -> PairSpectrum:
-        of_input, *others = pairs.shapes()
-        total = of_input * self.input_variance
-        for shape, variance, order in zip(others, self.variances, self.orders, strict=True):
+        input_shape, *shapes = pairs.shapes()
+        total = input_shape * self.input_variance
+        for shape, variance, order in zip(shapes, self.variances, self.orders, strict=True):
             total = total + shape * (variance * np.exp(2.0 * order * pairs.log_scale))
         return total
 
 
 #: Largest order: a random walk, -1, lies inside.
 LARGEST_ORDER = 1.2
-#: Share of it that an order may reach.
-MOST_OF_IT = 1.0 - 1e-9
+#: Largest share of it that an order may have.
+LARGEST_SHARE = 1.0 - 1e-9
 #: Standard deviations of what is known beforehand: of log variances, of orders.
 PRIOR_STD = np.array([3.0, 3.0, 3.0, 0.5, 0.5, 0.5])
 #: What strengths are, of a record that is sampled evenly.
 MEASURE = "a sample, of the white noise behind it"
 #: What has noise, in the order of variances and of orders.
-WHAT = ("velocity", "acceleration", "disturbance")
+NOISE_NAMES = ("velocity", "acceleration", "disturbance")
 #: Most steps of a search, and the largest slope, in standard errors, where it has come to rest.
 STEPS, AT_REST = 200, 1e-4
 #: Bands are a twentieth of their frequency wide, and a bin at least.
@@ -156,7 +156,7 @@ class NoisePrior:
     fitted: Bool[np.ndarray, " 6"]
 
 
-def prior_of(
+def noise_prior(
     pairs: PairedEquations,
     residual: Pair,
     input_variance: float,
@@ -167,9 +167,9 @@ def prior_of(
     """Strengths from the residuals' power over the upper half of the band; declared ones of z' and z''."""
     upper = slice(residual.shape[1] // 2, None)
     scale = np.exp(2.0 * USUAL_ORDER * pairs.log_scale[upper])
-    of_velocity = pairs.shapes()[1].second[upper]
+    velocity_shape = pairs.shapes()[1].second[upper]
     first, second = (np.abs(residual[:, upper]) ** 2).mean(axis=1).tolist()
-    velocity = VELOCITY_SHARE * second / float((of_velocity * scale).mean())
+    velocity = VELOCITY_SHARE * second / float((velocity_shape * scale).mean())
     variances = np.array([velocity, REST_SHARE * first / float(scale.mean()), REST_SHARE * first])
     disturbed = USUAL_ORDER if disturbance_order is None else disturbance_order
     orders, fitted = np.array([USUAL_ORDER, USUAL_ORDER, disturbed]), np.ones(6, dtype=bool)
@@ -188,19 +188,19 @@ def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prio
     origin, fitted = fit.vector(start), prior.fitted
     unit = np.linalg.inv(_information_root(fit, origin, fitted))
 
-    def at(steps: Float[np.ndarray, " n"]) -> Six:
+    def vector_at(steps: Float[np.ndarray, " n"]) -> Six:
         vector = origin.copy()
         vector[fitted] += unit.T @ steps
         return vector
 
-    def from_origin(steps: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
-        value, gradient = fit.value_and_gradient(at(steps))
+    def objective(steps: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
+        value, gradient = fit.value_and_gradient(vector_at(steps))
         return value if np.isfinite(value) else np.inf, unit @ gradient[fitted]
 
     first, options = np.zeros(len(unit)), {"gtol": AT_REST, "maxiter": STEPS}
     with np.errstate(all="ignore"):  # a step that goes too far is tried again, shorter
-        lowest = scipy.optimize.minimize(from_origin, first, jac=True, method="BFGS", options=options)
-        return fit.model(at(lowest.x))
+        lowest = scipy.optimize.minimize(objective, first, jac=True, method="BFGS", options=options)
+        return fit.model(vector_at(lowest.x))
 
 
 def _information_root(fit: _Fit, vector: Six, fitted: Bool[np.ndarray, " 6"]) -> Float[np.ndarray, "m m"]:
@@ -226,10 +226,10 @@ def fitted_noises(
     errors[fitted] = np.linalg.norm(np.linalg.inv(_information_root(fit, vector, fitted)), axis=0)
     strengths, orders = np.sqrt(model.variances), model.orders
     by_strength, by_order = 0.5 * strengths * errors[:3], _order_slopes(orders) * errors[3:]
-    starts = zip(WHAT, strengths, by_strength, orders, by_order, strict=True)
+    starts = zip(NOISE_NAMES, strengths, by_strength, orders, by_order, strict=True)
     return tuple(
-        FittedNoise(of, float(strength), float(error), float(order), float(order_error), measure)
-        for of, strength, error, order, order_error in starts
+        FittedNoise(name, float(strength), float(error), float(order), float(order_error), measure)
+        for name, strength, error, order, order_error in starts
     )
 
 
@@ -246,49 +246,49 @@ class _Fit:
     """The objective, with its gradient, of periodograms averaged over narrow bands."""
 
     def __init__(self, pairs: PairedEquations, residual: Pair, centre: NoiseModel) -> None:
-        self.known, self.centre = centre, np.append(np.log(centre.variances), centre.orders)
+        self.prior, self.centre = centre, np.append(np.log(centre.variances), centre.orders)
         edges = band_edges(residual.shape[1])
         self.bins = np.diff(edges).astype(np.float64)
 
         def averaged(values: np.ndarray) -> np.ndarray:
             return np.add.reduceat(values, edges[:-1]) / self.bins
 
-        self.seen = PairSpectrum(
+        self.periodogram = PairSpectrum(
             averaged(np.abs(residual[0]) ** 2),
             averaged(np.abs(residual[1]) ** 2),
             averaged(residual[0] * residual[1].conj()),
         )
         self.log_scale = averaged(pairs.log_scale)
-        of_input, *others = (shape.mapped(averaged) for shape in pairs.shapes())
-        self.base = of_input * centre.input_variance
-        entries = zip(*((shape.first, shape.second, shape.cross) for shape in others), strict=True)
+        input_shape, *shapes = (shape.mapped(averaged) for shape in pairs.shapes())
+        self.base = input_shape * centre.input_variance
+        entries = zip(*((shape.first, shape.second, shape.cross) for shape in shapes), strict=True)
         self.shapes = PairSpectrum(*map(np.stack, entries))
 
     def vector(self, model: NoiseModel) -> Six:
-        """What is searched over: logarithms of variances, and what gives the orders in their bounds."""
-        within = np.clip(model.orders / LARGEST_ORDER, -MOST_OF_IT, MOST_OF_IT)
-        return np.append(np.log(model.variances), np.arctanh(within))
+        """Vector of the search: logarithms of variances, and orders mapped from within their bounds."""
+        shares = np.clip(model.orders / LARGEST_ORDER, -LARGEST_SHARE, LARGEST_SHARE)
+        return np.append(np.log(model.variances), np.arctanh(shares))
 
     def model(self, vector: Six) -> NoiseModel:
-        return NoiseModel(self.known.input_variance, np.exp(vector[:3]), _orders(vector))
+        return NoiseModel(self.prior.input_variance, np.exp(vector[:3]), _orders(vector))
 
     def value_and_gradient(self, vector: Six) -> tuple[float, Six]:
         """Penalised sum, and its derivatives: of log det C + tr(C^-1 P) by C they are C^-1 - C^-1 P C^-1."""
         from_centre, slopes = self._prior(vector)
-        C, moved = self._spectra(vector)
+        C, derivatives = self._spectra(vector)
         first, second, cross = C.inverse
-        seen, turned = self.seen, self.seen.between(C)
-        within = first * seen.first + second * seen.second + 2.0 * (cross.conj() * seen.cross).real
-        value = float(self.bins @ (np.log(C.determinant) + within))
-        left = PairSpectrum(first - turned.first, second - turned.second, cross - turned.cross)
-        gradient = self._traces(left, moved) + slopes * from_centre
+        P, weighted = self.periodogram, self.periodogram.sandwich(C)
+        misfit = first * P.first + second * P.second + 2.0 * (cross.conj() * P.cross).real
+        value = float(self.bins @ (np.log(C.determinant) + misfit))
+        difference = PairSpectrum(first - weighted.first, second - weighted.second, cross - weighted.cross)
+        gradient = self._traces(difference, derivatives) + slopes * from_centre
         return value + 0.5 * float(from_centre @ from_centre), gradient
 
     def information(self, vector: Six) -> Float[np.ndarray, "6 6"]:
         """Sum over bins of tr(C^-1 C_j C^-1 C_l), with what the prior adds."""
-        C, moved = self._spectra(vector)
+        C, derivatives = self._spectra(vector)
         _, slopes = self._prior(vector)
-        return self._traces(moved.between(C), moved) + np.diag(slopes**2)
+        return self._traces(derivatives.sandwich(C), derivatives) + np.diag(slopes**2)
 
     def _traces(self, left: PairSpectrum, right: PairSpectrum) -> Float[np.ndarray, "*shape n"]:
         """Sums over bins of the traces of products."""
@@ -298,11 +298,11 @@ class _Fit:
     def _prior(self, vector: Six) -> tuple[Six, Six]:
         """Distances from the centres over their standard deviations, and the slopes of these."""
         orders = _orders(vector)
-        far = (np.append(vector[:3], orders) - self.centre) / PRIOR_STD
-        return far, np.append(np.ones(3), _order_slopes(orders)) / PRIOR_STD
+        distances = (np.append(vector[:3], orders) - self.centre) / PRIOR_STD
+        return distances, np.append(np.ones(3), _order_slopes(orders)) / PRIOR_STD
 
     def _spectra(self, vector: Six) -> tuple[PairSpectrum, PairSpectrum]:
-        """C, and its derivatives by what is searched over."""
+        """C, and its derivatives by the vector of the search."""
         powers = np.exp(vector[:3, None] + 2.0 * _orders(vector)[:, None] * self.log_scale)
         parts = self.shapes * powers
         by_order = 2.0 * _order_slopes(_orders(vector))[:, None] * self.log_scale
@@ -398,25 +398,25 @@ class SampledMotion:
         """dh/dK."""
         step, K = self.record.step_s, self.friction
         by_held = (step * self.decay - self.held) / K if K != 0.0 else -0.5 * step**2
-        moved = by_held - self.held * step * self.decay * self.record.earlier * self.memory
-        return self.record.earlier * self.memory * moved
+        change = by_held - self.held * step * self.decay * self.record.earlier * self.memory
+        return self.record.earlier * self.memory * change
 
     @cached_property
-    def _between(self) -> Bins:
+    def _input_blend(self) -> Bins:
         return (1.0 - self.blend) + self.blend * self.record.earlier.conj()
 
     @cached_property
     def response(self) -> Bins:
         """Response of the velocity to the input: g."""
-        return self.gain * self.pushed * self._between
+        return self.gain * self.pushed * self._input_blend
 
     @cached_property
     def directions(self) -> Complex[np.ndarray, "3 2 bins"]:
         """d_K, d_b and d_rho: derivatives of the residuals by the parameters, over the true input."""
         result = np.empty((3, 2, self.response.size), dtype=np.complex128)
-        result[0] = self.response, -(self.gain * self._between * self.pushed_by_friction)
+        result[0] = self.response, -(self.gain * self._input_blend * self.pushed_by_friction)
         result[1, 0] = -1.0
-        result[1, 1] = self.pushed * -self._between
+        result[1, 1] = self.pushed * -self._input_blend
         result[2, 0] = 0.0
         result[2, 1] = (-self.gain * self.pushed) * (self.record.earlier.conj() - 1.0)
         return result
@@ -443,13 +443,13 @@ class SampledMotion:
             PairSpectrum(entries, np.abs(h) ** 2, h.conj()),
         )
 
-    def whole(self, nuisances: Float[np.ndarray, " q"], shapes: Complex[np.ndarray, "q 2 bins"]) -> Pair:
+    def corrected(self, nuisances: Float[np.ndarray, " q"], shapes: Complex[np.ndarray, "q 2 bins"]) -> Pair:
         """Residuals with the nuisances' parts taken off: r + sum of c psi."""
         return self.residuals() + np.tensordot(nuisances, shapes, 1)
 
-    def behind(self, transient: float) -> Pair:
+    def steady_state(self, transient: float) -> Pair:
         """Residuals with a transient alone taken off."""
-        return self.whole(np.array([transient]), self.nuisance_shapes(ramps=False))
+        return self.corrected(np.array([transient]), self.nuisance_shapes(ramps=False))
 
     def nuisance_shapes(self, ramps: bool) -> Complex[np.ndarray, "q 2 bins"]:
         """psi: [0; -D], and with ramps [-F; 0] and [0; -F]."""
@@ -479,7 +479,7 @@ class SampledProblem:
 
 
 def problem_of_motion(problem: Problem, method: str) -> SignalRegression:
-    """Take a problem for a spectral method; without instruments it has lagged inputs."""
+    """Problem for a spectral method, with lagged inputs where it has no instruments."""
     if not isinstance(problem, SignalRegression):
         expected = f"a record of one motion for {method}, sampled evenly"
         remedy = "Make it of signals: ev.VerticalMotion(intercept=False).regression(signals, instruments)."
@@ -551,7 +551,7 @@ def motion_of(problem: SignalRegression, method: str) -> tuple[str, str, str]:
 
 
 def _projected(problem: SignalRegression, driver: str, method: str) -> Float[np.ndarray, " samples"]:
-    """What the instruments say of the input, by least squares; its mean before their first row."""
+    """Input as fitted by the instruments, by least squares; its mean before their first row."""
     if driver in {column.channel for column in problem.instrument_columns}:
         expected = f"instruments of the input alone, or of other channels alone, for {method}"
         received = ", ".join(column.name for column in problem.instrument_columns)
@@ -559,5 +559,5 @@ def _projected(problem: SignalRegression, driver: str, method: str) -> Float[np.
     Psi = np.column_stack([problem.column(column) for column in problem.instrument_columns])
     values = problem.signals.channel(driver)
     centred = Psi - Psi.mean(axis=0)
-    explained = centred @ np.linalg.lstsq(centred, values[problem.first :] - values.mean(), rcond=None)[0]
-    return np.concatenate([np.zeros(problem.first), explained])
+    fitted = centred @ np.linalg.lstsq(centred, values[problem.first :] - values.mean(), rcond=None)[0]
+    return np.concatenate([np.zeros(problem.first), fitted])

@@ -52,8 +52,8 @@ def pilot_at(
 ) -> Pilot:
     """Noises that fit the residuals at some parameters; those of z' and z'' as declared, where they are."""
     transient = first_transient(motion)
-    residual = motion.behind(transient)
-    prior = sampling.prior_of(motion, residual, input_variance, declared)
+    residual = motion.steady_state(transient)
+    prior = sampling.noise_prior(motion, residual, input_variance, declared)
     return Pilot(motion, transient, sampling.fitted_noise(motion, residual, prior.centre, prior), prior)
 
 
@@ -111,7 +111,7 @@ class SpectralSolution:
     @cached_property
     def residual(self) -> sampling.Pair:
         """r, without the nuisances' part."""
-        return self.motion.whole(self.nuisances, self.nuisance_shapes)
+        return self.motion.corrected(self.nuisances, self.nuisance_shapes)
 
     @cached_property
     def nuisance_shapes(self) -> Complex[np.ndarray, "q 2 bins"]:

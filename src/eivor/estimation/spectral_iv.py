@@ -142,7 +142,7 @@ def least_quadratic(
 
     def whitened(x: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " rows"]:
         moved, t = at(x)
-        pair = spectrum(moved).whitened(moved.behind(t)).ravel()
+        pair = spectrum(moved).whitened(moved.steady_state(t)).ravel()
         return np.concatenate([pair.real, pair.imag])
 
     first = np.array([1.0, 1.0, transient / units[2]])
@@ -400,9 +400,9 @@ class WhittleLikelihood(Method):
                     refined = result and bool((moved <= LIKELIHOOD_TOLERANCE * np.abs(before)).all())
                     if refined:
                         break
-                    noise = sampling.fitted_noise(motion, motion.behind(transient), noise, pilot.prior)
+                    noise = sampling.fitted_noise(motion, motion.steady_state(transient), noise, pilot.prior)
                 noises = sampling.fitted_noises(
-                    motion, motion.behind(transient), noise, pilot.prior, sampling.MEASURE
+                    motion, motion.steady_state(transient), noise, pilot.prior, sampling.MEASURE
                 )
         except (EivorError, np.linalg.LinAlgError, ValueError) as error:
             raise sampling.SpectraError("its search failed near generalized IV's numbers") from error

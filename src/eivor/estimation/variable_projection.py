@@ -27,7 +27,7 @@ Box = Sequence[Float[np.ndarray, " _"]]
 Objective = Callable[[Box], Float[np.ndarray, " points"]]
 
 #: Points of a box on one axis, at most and at least; and of a box of several axes about so many.
-MOST, LEAST, BOX_POINTS = 33, 5, 200
+MOST_POINTS, LEAST_POINTS, BOX_POINTS = 33, 5, 200
 #: The search ends where a box's points are so close, as a share of the first box.
 FINEST = 2.0**-17
 #: Boxes before a search goes on without them, and its evaluations then.
@@ -42,25 +42,25 @@ def argmin(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
     best = _best_point(objective, grid)
     low, high = (
         np.array(
-            [axis[np.clip(item + step, 0, axis.size - 1)] for axis, item in zip(grid, best, strict=True)]
+            [axis[np.clip(index + step, 0, axis.size - 1)] for axis, index in zip(grid, best, strict=True)]
         )
         for step in (-1, 1)
     )
     bottom, top = (np.array([axis[end] for axis in grid]) for end in (0, -1))
-    points = min(int(BOX_POINTS ** (1.0 / axes)), MOST)
-    points = max(points - 1 + points % 2, LEAST)  # odd, so that the middle of a box is one of them
-    first = high - low
+    points = min(int(BOX_POINTS ** (1.0 / axes)), MOST_POINTS)
+    points = max(points - 1 + points % 2, LEAST_POINTS)  # odd, so that the middle of a box is one of them
+    first_width = high - low
     for _ in range(BOX_ROUNDS):
         box = [np.linspace(a, b, points) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
         best = _best_point(objective, box)
-        position = np.array([axis[item] for axis, item in zip(box, best, strict=True)])
+        position = np.array([axis[index] for axis, index in zip(box, best, strict=True)])
         spacing = (high - low) / (points - 1)
         at_edge = ((best == 0) & (low > bottom)) | ((best == points - 1) & (high < top))
-        if not at_edge.any() and (spacing <= FINEST * first).all():
+        if not at_edge.any() and (spacing <= FINEST * first_width).all():
             return position
-        reach = np.where(at_edge, 1.0, 0.5) * (high - low) if at_edge.any() else spacing
-        low, high = np.maximum(position - reach, bottom), np.minimum(position + reach, top)
-    return _along_valley(objective, position, first, (bottom, top))
+        half_width = np.where(at_edge, 1.0, 0.5) * (high - low) if at_edge.any() else spacing
+        low, high = np.maximum(position - half_width, bottom), np.minimum(position + half_width, top)
+    return _along_valley(objective, position, first_width, (bottom, top))
 
 
 def _along_valley(
@@ -97,7 +97,7 @@ def _best_point(objective: Objective, box: Box) -> Int[np.ndarray, " axes"]:
     return np.array(np.unravel_index(index, [axis.size for axis in box]))
 
 
-#: Where only weights are made of an estimate, tolerances are so many times coarser.
+#: Tolerances are so many times coarser where an estimate only gives weights.
 COARSE = 10.0
 #: Points of a product of grids; but no grid is thinned below three.
 PRODUCT_POINTS = 200
@@ -148,30 +148,30 @@ def minimised(
     names, grids = [nuisance.name for nuisance in unknown], product_grids(unknown)
     fixed = {nuisance.name: nuisance.first for nuisance in nuisances}
 
-    def at(point: Point) -> dict[str, float]:
+    def values_at(point: Point) -> dict[str, float]:
         return {**fixed, **dict(zip(names, point, strict=True))}
 
     def misfit(point: Point) -> float:
-        values = at(point)
+        values = values_at(point)
         return float(sum(nuisance.misfit(values) for nuisance in unknown))
 
     points: list[Point] = list(product(*(tuple(grid.tolist()) for grid in grids)))
-    left = objectives([at(point) for point in points])
+    fit_objectives = objectives([values_at(point) for point in points])
     misfits = np.array([misfit(point) for point in points])
 
     def from_grid(scale: float) -> tuple[Trial, Float[np.ndarray, " points"]]:
         def trial(point: Point) -> Trial:
-            solution = solve(at(point))
+            solution = solve(values_at(point))
             return Trial(point, solution.objective + scale * misfit(point), solution)
 
-        objective = left + scale * misfits
+        objective = fit_objectives + scale * misfits
         lowest = _lowest(objective.reshape([grid.size for grid in grids]), 1 if coarse else STARTS)
         starts = [points[number] for number in lowest]
         if initial is not None and len(unknown) > 1 and trial(initial).objective <= objective.min():
             elsewhere = [] if coarse else [item for item in starts if _apart(item, initial, grids)]
             starts = [initial, *elsewhere]
-        unit_of_grid = abs(float(objective.min()))
-        search = partial(bounded_search, trial, unknown=unknown, unit=unit_of_grid, costly=costly)
+        grid_unit = abs(float(objective.min()))
+        search = partial(bounded_search, trial, unknown=unknown, unit=grid_unit, costly=costly)
         tried = (_refined(trial, item, unknown, grids, coarse, search) for item in starts)
         best = min(tried, key=lambda item: item.objective)
         if len(unknown) > 1 and not coarse:
@@ -183,9 +183,9 @@ def minimised(
     scale = 0.0
     if any(nuisance.prior for nuisance in unknown):
         # In units of the best fit to the data alone, and then of where that has led.
-        scale = unit(at(from_grid(unit(at(points[int(np.argmin(left))])))[0].point))
+        scale = unit(values_at(from_grid(unit(values_at(points[int(np.argmin(fit_objectives))])))[0].point))
     best, objective = from_grid(scale)
-    return at(best.point), best.solution, profiles_of(unknown, grids, objective)
+    return values_at(best.point), best.solution, profiles_of(unknown, grids, objective)
 
 
 def _lowest(table: Float[np.ndarray, "*grid"], count: int) -> list[int]:
@@ -219,7 +219,7 @@ def _refined(
     (nuisance,), (grid,), (value,) = unknown, grids, start
     position = int(np.searchsorted(grid, value))
     bounds = float(grid[max(position - 1, 0)]), float(grid[min(position + 1, grid.size - 1)])
-    return between(trial, trial(start), bounds, (COARSE if coarse else 1.0) * nuisance.tolerance)
+    return brent_search(trial, trial(start), bounds, (COARSE if coarse else 1.0) * nuisance.tolerance)
 
 
 def product_grids(
@@ -228,9 +228,9 @@ def product_grids(
     """Grid of each nuisance, thinned where there are several so that their product has so many points."""
     if len(unknown) < 2:
         return [nuisance.grid for nuisance in unknown]
-    most = max(int(points ** (1.0 / len(unknown))), 3)
+    size = max(int(points ** (1.0 / len(unknown))), 3)
     return [
-        grid if grid.size <= most else grid[np.linspace(0, grid.size - 1, most).round().astype(np.int64)]
+        grid if grid.size <= size else grid[np.linspace(0, grid.size - 1, size).round().astype(np.int64)]
         for grid in (nuisance.grid for nuisance in unknown)
     ]
 
@@ -248,22 +248,22 @@ def profiles_of(
     )
 
 
-def between(
+def brent_search(
     trial: Callable[[Point], Trial], best: Trial, bounds: tuple[float, float], tolerance: float
 ) -> Trial:
     """Least trial between two values of one nuisance, by Brent's search; never worse than `best`."""
     from scipy.optimize import minimize_scalar
 
-    least = best
+    lowest = best
 
     def objective(value: float) -> float:
-        nonlocal least
+        nonlocal lowest
         tried = trial((float(value),))
-        least = min(tried, least, key=lambda item: item.objective)
+        lowest = min(tried, lowest, key=lambda item: item.objective)
         return tried.objective
 
     minimize_scalar(objective, bounds=bounds, method="bounded", options={"xatol": tolerance})
-    return least
+    return lowest
 
 
 def bounded_search(
@@ -283,13 +283,13 @@ def bounded_search(
     low, high = (np.array([nuisance.grid[end] for nuisance in unknown]) for end in (0, -1))
     names = [nuisance.name for nuisance in unknown]
     units = tolerance * np.array([item.tolerance for item in unknown])
-    most = MOST_EVALUATIONS * len(unknown)
-    least = best
+    limit = MOST_EVALUATIONS * len(unknown)
+    lowest = best
 
-    def left_at(values: Float[np.ndarray, " q"]) -> float:
-        nonlocal least
+    def objective(values: Float[np.ndarray, " q"]) -> float:
+        nonlocal lowest
         tried = trial(tuple(np.clip(values, low, high).tolist()))
-        least = min(least, tried, key=lambda item: item.objective)
+        lowest = min(lowest, tried, key=lambda item: item.objective)
         return tried.objective
 
     def by_simplices() -> OptimizeResult:
@@ -299,10 +299,10 @@ def bounded_search(
                 to_sums[names.index(nuisance.part_of), number] = 1.0
         to_values, first = np.linalg.inv(to_sums), to_sums @ np.array(best.point)
         simplex = np.vstack([first, first + np.diag(steps)]) / units
-        limits = {"xatol": 1.0, "fatol": tolerance * LEAST_GAIN * unit, "maxfev": most}
+        limits = {"xatol": 1.0, "fatol": tolerance * LEAST_GAIN * unit, "maxfev": limit}
         options = {"initial_simplex": simplex, **limits}
         return minimize(
-            lambda sums: left_at(to_values @ (sums * units)),
+            lambda sums: objective(to_values @ (sums * units)),
             simplex[0],
             method="Nelder-Mead",
             options=options,
@@ -312,16 +312,16 @@ def bounded_search(
         sizes, scale = np.abs(steps), unit or 1.0
         ends = float(min(0.1 * (units / sizes).min(), 1.0))
         return minimize(
-            lambda position: left_at(position * sizes) / scale,
+            lambda position: objective(position * sizes) / scale,
             np.clip(best.point, low, high) / sizes,
             method="COBYQA",
             bounds=Bounds(low / sizes, high / sizes),
-            options={"initial_tr_radius": 1.0, "final_tr_radius": ends, "maxfev": most},
+            options={"initial_tr_radius": 1.0, "final_tr_radius": ends, "maxfev": limit},
         )
 
     result = by_quadratic_models() if costly else by_simplices()
     if result.success:
-        return least
+        return lowest
     expected = f"a search of {', '.join(names)} that settles"
     remedy = "Give narrower grids, what is known of one of them, or more exciting data."
     raise ConvergenceError(expected, f"one that still gains after {result.nfev} evaluations", remedy)
@@ -330,8 +330,8 @@ def bounded_search(
 def _step(grid: Float[np.ndarray, " _"], value: float) -> float:
     """Half the way from a value of a grid to its neighbour, inwards at the last."""
     position = min(int(np.searchsorted(grid, value)), grid.size - 1)
-    other = position + 1 if position + 1 < grid.size else position - 1
-    return 0.5 * float(grid[other] - value)
+    neighbour = position + 1 if position + 1 < grid.size else position - 1
+    return 0.5 * float(grid[neighbour] - value)
 
 
 #: Nodes of one nuisance, at least; of several together about so many, at most.
@@ -362,7 +362,7 @@ class NodeAxis:
 
     @cached_property
     def weights(self) -> CubicSpline:
-        """What each node counts, at places between them."""
+        """Weight of each node, at places between them."""
         from scipy.interpolate import CubicSpline
 
         return CubicSpline(self.nodes, np.eye(self.nodes.size))
@@ -391,17 +391,17 @@ class Nodes(msgspec.Struct, frozen=True):
         """Values at the points of a box, from those at the nodes."""
         sizes = [axis.nodes.size for axis in self.axes]
         result = values.reshape(*sizes, *values.shape[1:])  # of which there may be none
-        for number, (axis, item) in enumerate(zip(self.axes, box, strict=True)):
-            moved = np.tensordot(axis.weights(item), result, (1, number))
-            result = np.moveaxis(moved, 0, number)
+        for number, (axis, points) in enumerate(zip(self.axes, box, strict=True)):
+            interpolated = np.tensordot(axis.weights(points), result, (1, number))
+            result = np.moveaxis(interpolated, 0, number)
         return result.reshape(math.prod(result.shape[: len(sizes)]), *values.shape[1:])
 
     def weights(self, values: ManyValues) -> Float[np.ndarray, "points T"]:
-        """What each node counts at values of the nuisances."""
+        """Weight of each node at values of the nuisances."""
         result = np.ones((1, 1))
         for axis in self.axes:
-            of_axis = axis.weights(axis.places_of(values[axis.nuisance.name]))
-            result = (result[:, :, None] * of_axis[:, None]).reshape(len(of_axis), -1)
+            axis_weights = axis.weights(axis.places_of(values[axis.nuisance.name]))
+            result = (result[:, :, None] * axis_weights[:, None]).reshape(len(axis_weights), -1)
         return result
 
     def values_at(self, position: Float[np.ndarray, " axes"]) -> Values:
@@ -429,8 +429,8 @@ class Nodes(msgspec.Struct, frozen=True):
         axes = []
         for axis in self.axes[1:]:
             nodes, value = axis.nodes, nuisance_values[axis.nuisance.name]
-            here = float(np.interp(value, axis.values, np.arange(nodes.size)))
-            steps = here + np.arange(-CLOSER * AROUND, CLOSER * AROUND + 1) / CLOSER
+            centre = float(np.interp(value, axis.values, np.arange(nodes.size)))
+            steps = centre + np.arange(-CLOSER * AROUND, CLOSER * AROUND + 1) / CLOSER
             steps = np.clip(steps, 0.0, nodes.size - 1.0)
             places = np.unique(np.append(np.interp(steps, np.arange(nodes.size), nodes), nodes))
             axes.append(NodeAxis(axis.nuisance, axis.values_at(places)))
@@ -447,10 +447,10 @@ def nodes_of(nuisances: tuple[Nuisance, ...], fewest: int = FEWEST_NODES) -> Nod
 
 
 def _fine(nuisance: Nuisance, grid: Float[np.ndarray, " _"], fewest: int) -> Float[np.ndarray, " T"]:
-    """A grid with as many values between its own as make it fine enough."""
-    between = -((1 - fewest) // (grid.size - 1))
-    if between == 1:
+    """A grid, subdivided to a number of values."""
+    subdivisions = -((1 - fewest) // (grid.size - 1))
+    if subdivisions == 1:
         return grid
     axis = NodeAxis(nuisance, grid)
-    steps = np.arange((grid.size - 1) * between + 1) / between
+    steps = np.arange((grid.size - 1) * subdivisions + 1) / subdivisions
     return axis.values_at(np.interp(steps, np.arange(grid.size), axis.nodes))

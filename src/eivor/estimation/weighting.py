@@ -133,8 +133,8 @@ class LimitedInformation(EquationWeighting):
             remedy = "Give a longer record, or fewer instruments."
             raise TooFewSamplesError(expected, f"{moments.rows:g}", remedy)
         # S: what the instruments leave of the columns' products, without the rounding of columns they span
-        reached = scipy.linalg.solve_triangular(L, moments.equations, lower=True)
-        S = columns - reached.T @ reached
+        projected = scipy.linalg.solve_triangular(L, moments.equations, lower=True)
+        S = columns - projected.T @ projected
         exact = np.diag(S) <= EXACT * np.diag(columns)
         S[exact] = 0.0
         S[:, exact] = 0.0
@@ -145,8 +145,8 @@ class LimitedInformation(EquationWeighting):
             received = "a response that is a combination of regressors and instruments but for rounding"
             remedy = "Use extended_iv or generalized_iv: of exact data they give the exact answer."
             raise NoUniqueSolutionError(expected, received, remedy)
-        made = replace(divided(system, L), error_covariance=S, error_degrees=moments.rows - instruments)
-        return made, L
+        weighted = replace(divided(system, L), error_covariance=S, error_degrees=moments.rows - instruments)
+        return weighted, L
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,15 +161,15 @@ class WeightedRows:
 
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
         """Mean of psi [phi' y] at many values of the nuisances."""
-        made = (self.rows(point) for point in points)
-        columns = ((rows, np.column_stack([rows.regressors, rows.response])) for rows in made)
-        return np.stack([rows.instruments.T @ both / rows.response.size for rows, both in columns])
+        weighted = (self.rows(point) for point in points)
+        columns = ((rows, np.column_stack([rows.regressors, rows.response])) for rows in weighted)
+        return np.stack([rows.instruments.T @ data / rows.response.size for rows, data in columns])
 
-    def criterion(self, _theta: Vector, _at: Values, /) -> float | None:
-        """What candidates are compared by, where weights know better than the estimate; by default None."""
+    def criterion(self, _theta: Vector, _nuisances: Values, /) -> float | None:
+        """Criterion of candidates, where weights give a better one than the estimate; by default None."""
         return None
 
-    def renewed(self, _theta: Vector, _at: Values, /) -> WeightedRows:
+    def renewed(self, _theta: Vector, _nuisances: Values, /) -> WeightedRows:
         """Rows of the next pass, from an estimate."""
         return self
 
@@ -232,50 +232,50 @@ class WhitenedRows(WeightedRows):
         return replace(whitened, regressor_noise=noise)
 
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
-        between = self.problem.interpolation
-        if between is None:
+        interpolation = self.problem.interpolation
+        if interpolation is None:
             return self._products(points)
-        return np.tensordot(between.weights(values_of(points)), self._at_nodes, 1)
+        return np.tensordot(interpolation.weights(values_of(points)), self._node_products, 1)
 
     @cached_property
-    def _at_nodes(self) -> Float[np.ndarray, "nodes p n_plus_1"]:
-        between = self.problem.interpolation
-        return self._products([] if between is None else between.points)
+    def _node_products(self) -> Float[np.ndarray, "nodes p n_plus_1"]:
+        interpolation = self.problem.interpolation
+        return self._products([] if interpolation is None else interpolation.points)
 
     def _products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
         size = max(BATCH_NUMBERS // self.basis.shape[0], 1)
         if len(points) > size:
             parts = (points[first : first + size] for first in range(0, len(points), size))
             return np.concatenate([self._products(part) for part in parts])
-        made = [self._of_run(len(points), *run) for run in self._runs(points, self.basis)]
-        return np.asarray(sum(made) / self.basis.shape[0])
+        products = [self._run_products(len(points), *run) for run in self._runs(points, self.basis)]
+        return np.asarray(sum(products) / self.basis.shape[0])
 
     @staticmethod
-    def _of_run(
-        points: int, functions: np.ndarray, known: np.ndarray, at: np.ndarray, j: np.ndarray, X: np.ndarray
+    def _run_products(
+        points: int, psi: np.ndarray, fixed: np.ndarray, still: np.ndarray, moving: np.ndarray, X: np.ndarray
     ) -> Float[np.ndarray, "points q n_plus_1"]:
-        E = np.zeros((points, functions.shape[1], at[-1] + 1))
-        E[:, :, at] = functions.T @ known.T
-        E[:, :, j] = (X @ functions).transpose(0, 2, 1)
+        E = np.zeros((points, psi.shape[1], still[-1] + 1))
+        E[:, :, still] = psi.T @ fixed.T
+        E[:, :, moving] = (X @ psi).transpose(0, 2, 1)
         return E
 
     @cached_property
-    def _known(self) -> tuple[BinRows, Complex[np.ndarray, "f_plus_1 bins"], Int[np.ndarray, " f_plus_1"]]:
-        """Whitened bins of the columns that stay and of the response, and their places."""
+    def _fixed(self) -> tuple[BinRows, Complex[np.ndarray, "f_plus_1 bins"], Int[np.ndarray, " f_plus_1"]]:
+        """Whitened bins of the fixed columns and of the response, and their places."""
         bins, still = self.problem.bins(self.problem.first_values), self.problem.still
         response = (1.0 - self.blend) * bins.responses[:, 0] + self.blend * bins.responses[:, -1]
         fixed = np.column_stack([bins.regressors[:, :still], response]).T / np.sqrt(self.power)
         return bins.layout, fixed, np.append(np.arange(still), bins.regressors.shape[1])
 
     def _runs(self, points: Sequence[Values], basis: Float[np.ndarray, "rows q"]) -> Iterator[Any]:
-        """Of each run rows of Q, columns that stay and their places, places of those that move, and these."""
-        layout, fixed, at = self._known
+        """Rows of Q of each run, fixed columns and their places, places of moving columns, and these."""
+        layout, fixed, still = self._fixed
         start = 0
-        for run, (j, X) in zip(layout.runs, self.problem.moved_runs(points), strict=True):
+        for run, (moving, X) in zip(layout.runs, self.problem.moved_runs(points), strict=True):
             here = slice(start, start + run.count)
             known, weight = fixed[:, here], np.tile(1.0 / np.sqrt(self.power[here]), 2)
             rows = slice(2 * here.start, 2 * here.stop)
-            yield basis[rows], np.concatenate([known.real, known.imag], axis=1), at, j, X * weight
+            yield basis[rows], np.concatenate([known.real, known.imag], axis=1), still, moving, X * weight
             start = here.stop
 
     def sums(self, points: Sequence[Values], basis: Float[np.ndarray, "rows q"]) -> Iterator[RunSums]:
@@ -284,18 +284,18 @@ class WhitenedRows(WeightedRows):
         if not joint and len(points) > size:
             parts = (points[first : first + size] for first in range(0, len(points), size))
             for run in zip(*[list(self.sums(part, basis)) for part in parts], strict=True):  # one by one
-                at, j, *products = zip(*run, strict=True)
-                yield at[0], j[0], *map(np.concatenate, products)
+                still, moving, *products = zip(*run, strict=True)
+                yield still[0], moving[0], *map(np.concatenate, products)
             return
-        for functions, known, at, j, X in self._runs(points, basis):
-            E = self._of_run(len(points), functions, known, at, j, X)
-            moved = X.reshape(-1, X.shape[2]) if joint else X
-            count, cross = len(known), moved @ known.T
-            power = np.empty((*moved.shape[:-2], *2 * (count + moved.shape[-2],)))
-            power[..., :count, :count] = known @ known.T
-            power[..., count:, count:] = moved @ moved.swapaxes(-1, -2)
+        for psi, fixed, still, moving, X in self._runs(points, basis):
+            E = self._run_products(len(points), psi, fixed, still, moving, X)
+            stacked = X.reshape(-1, X.shape[2]) if joint else X
+            count, cross = len(fixed), stacked @ fixed.T
+            power = np.empty((*stacked.shape[:-2], *2 * (count + stacked.shape[-2],)))
+            power[..., :count, :count] = fixed @ fixed.T
+            power[..., count:, count:] = stacked @ stacked.swapaxes(-1, -2)
             power[..., count:, :count], power[..., :count, count:] = cross, cross.swapaxes(-1, -2)
-            yield at, j, E, power
+            yield still, moving, E, power
 
     def renewed(self, theta: Vector, nuisances: Values, /) -> WhitenedRows:
         return replace(whitened_by_residuals(self.problem, theta, nuisances), renewals=self.renewals - 1)
@@ -323,8 +323,8 @@ def whitened_by_residuals(problem: SeparableProblem, theta: Vector, nuisances: V
         return whitened
     # variance of residuals that no known noise explains: the response answers more than the columns
     residual, signs = rows.response - rows.regressors @ theta, np.append(theta, -1.0)
-    left = float(np.mean(residual**2) - signs @ rows.regressor_noise @ signs)
-    return replace(whitened, disturbed=max(left, 0.0))
+    unexplained = float(np.mean(residual**2) - signs @ rows.regressor_noise @ signs)
+    return replace(whitened, disturbed=max(unexplained, 0.0))
 
 
 def residual_spectrum(

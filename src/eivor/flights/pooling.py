@@ -234,14 +234,14 @@ def _result(state: FlightState, members: tuple[Member, ...], chosen: Instruments
     separate = state.options.pool_friction == "separate"
     make = partial(pooled, problems, estimates, motion.quantities.of_flight, separate=separate)
     pool, without_prior = make(nuisances=problem.nuisances), None
-    estimate = pool.whole()
+    estimate = pool.pooled_estimate()
     given, noticed = known_lag(replace(state, problem=problem, estimate=estimate))
     if given is not None:
         without_prior = problem, estimate
         problem = with_lag_prior(problem, given.for_the_log)
         pool = make(nuisances=problem.nuisances)
-        estimate = pool.whole()
-    sets = _known({name: pool.whole_sets(name) for name in linear_names(pool)})
+        estimate = pool.pooled_estimate()
+    sets = _known({name: pool.common_sets(name) for name in linear_names(pool)})
     searched = [axis.nuisance.name for axis in pool.criterion.nodes.axes]
     sums = LAG_SUMS if searched[:1] == [ACTUATOR_LAG.name] else {}
     of_lags = {name: pool.lag_set(parts) for name, parts in sums.items()}

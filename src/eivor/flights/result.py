@@ -284,7 +284,7 @@ class Fit:
             if sums is not None:
                 sets = alone.of_nuisances(sums, level) if pooled is None else pooled.lag_set(sums, level)
             else:
-                sets = (alone.of_parameter if pooled is None else pooled.whole_sets)(name, level)
+                sets = (alone.of_parameter if pooled is None else pooled.common_sets)(name, level)
             if isinstance(sets, ParameterSets):
                 sets = sets.robust if name in self.robust_sets else sets.profile
             result = sets
