@@ -23,8 +23,8 @@ from eivor.estimation.spectral_equations import (
     SpectralSolution,
     _meat,
     consistent_estimate,
-    moved_by,
     pilot_at,
+    shifted,
     solved_equations,
     spectral_covariance,
 )
@@ -264,7 +264,7 @@ def solution(sampled, request):
 def test_the_sensitivity_is_the_derivative_of_the_equations(solution):
     """By the gain, of which no test function is made: what is taken off for the input's noise counts."""
     step = np.array([0.0, 1e-4 * solution.motion.gain, 0.0])
-    ends = [replace(solution, motion=moved_by(solution.motion, sign * step)).scores() for sign in (1.0, -1.0)]
+    ends = [replace(solution, motion=shifted(solution.motion, sign * step)).scores() for sign in (1.0, -1.0)]
     slope = (ends[0] - ends[1]) / (2.0 * step[1])
     np.testing.assert_allclose(slope[:2], solution.sensitivity[:2, 1], rtol=1e-6)
 

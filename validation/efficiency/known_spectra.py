@@ -23,7 +23,7 @@ import polars as pl
 from eivor.errors import UsageError
 from eivor.estimation.sampled_motion import sampled_problem
 from eivor.estimation.spectral_equations import consistent_estimate, first_transient
-from eivor.estimation.spectral_iv import least_quadratic, start_of
+from eivor.estimation.spectral_iv import minimise_quadratic, start_of
 from eivor.lab.cramer_rao import cramer_rao, noise_of_record
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.records import Scenario, simulate
@@ -57,7 +57,8 @@ def trial(suite_study: SuiteStudy, run: int) -> Found:
     problem = experiment.problem(record.signals, suite_study.study.methods[0].instruments)
     sampled = sampled_problem(problem, KNOWN)
     start = start_of(sampled, consistent_estimate(sampled.problem))
-    motion, _, _ = least_quadratic(start, first_transient(start), noise_of_record(scenario, record).spectrum)
+    spectrum = noise_of_record(scenario, record).spectrum
+    motion, _, _ = minimise_quadratic(start, first_transient(start), spectrum)
     return Found(suite_study.scenario, suite_study.samples, run, [motion.friction, motion.gain])
 
 

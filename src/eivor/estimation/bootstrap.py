@@ -79,17 +79,17 @@ def automatic_block_length(series: Float[np.ndarray, "rows n"]) -> float:
 def _optimal_length(series: Float[np.ndarray, " rows"]) -> float:
     rows = series.size
     quiet = max(5, math.ceil(math.sqrt(math.log10(rows)))) if rows > 1 else 5
-    reach = min(math.ceil(math.sqrt(rows)) + quiet, rows - 1)
-    R = autocovariance(series, reach)
-    if not R[0] > 0.0 or reach < 1:
+    longest = min(math.ceil(math.sqrt(rows)) + quiet, rows - 1)
+    R = autocovariance(series, longest)
+    if not R[0] > 0.0 or longest < 1:
         return 1.0
     small = np.abs(R[1:] / R[0]) < NEGLIGIBLE * math.sqrt(math.log10(rows) / rows)
     # first lag that is followed by `quiet` negligible ones; else the last one that is not negligible
     in_a_row = np.convolve(small, np.ones(quiet), mode="valid") if small.size >= quiet else np.empty(0)
     indices = np.flatnonzero(in_a_row == quiet)
-    after = int(indices[0]) if indices.size else int(np.flatnonzero(~small)[-1] + 1 if (~small).any() else 0)
-    lags = np.arange(min(2 * max(after, 1), reach) + 1)
-    window = np.minimum(1.0, 2.0 * (1.0 - lags / (2 * max(after, 1))))
+    cutoff = int(indices[0]) if indices.size else int(np.flatnonzero(~small)[-1] + 1 if (~small).any() else 0)
+    lags = np.arange(min(2 * max(cutoff, 1), longest) + 1)
+    window = np.minimum(1.0, 2.0 * (1.0 - lags / (2 * max(cutoff, 1))))
     weighted = window * R[: lags.size]
     g = float(2.0 * weighted.sum() - weighted[0])
     G = float(2.0 * (lags * weighted).sum())
@@ -154,8 +154,8 @@ class Bootstrap:
     def covariance(self) -> Float[np.ndarray, "n n"]:
         """Covariance of the replicates, times c / (c - 1): c pieces vary about a mean of their own."""
         spread = self.replicates - self.replicates.mean(axis=0)
-        few = self.pieces / (self.pieces - 1) if self.pieces > 1 else math.inf
-        return np.asarray(spread.T @ spread / (spread.shape[0] - 1) * few)
+        expansion = self.pieces / (self.pieces - 1) if self.pieces > 1 else math.inf
+        return np.asarray(spread.T @ spread / (spread.shape[0] - 1) * expansion)
 
     def std_error(self, name: str) -> float:
         """Root of the quantity's variance, see `covariance`."""
@@ -188,9 +188,9 @@ class Bootstrap:
             expected = f"{needed} replicates or more for a level of {level:g}"
             raise UsageError(expected, f"{values.size}", "Draw more runs, or ask for a lower level.")
         low, high = np.quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level], method="weibull").tolist()
-        wider = math.sqrt(self.pieces / (self.pieces - 1)) * t_quantile(level, self.pieces - 1)
-        wider /= normal_quantile(level)
-        return value + wider * (low - value), value + wider * (high - value)
+        expansion = math.sqrt(self.pieces / (self.pieces - 1)) * t_quantile(level, self.pieces - 1)
+        expansion /= normal_quantile(level)
+        return value + expansion * (low - value), value + expansion * (high - value)
 
 
 def products_by_flight(rows: Regression) -> Products:
@@ -229,7 +229,7 @@ class PoolFlights:
     known: Mapping[str, Prior]
 
     @property
-    def whole(self) -> Replicate:
+    def full(self) -> Replicate:
         return self._estimated(np.ones(len(self.flights)), self.known)
 
     def replicate(self, random: np.random.Generator) -> tuple[Replicate, Float[np.ndarray, " F"]]:
@@ -246,18 +246,18 @@ class PoolFlights:
         equations = drawn.equations.copy()
         equations[:, :, -1] -= self.misfit
         powers, directions = scipy.linalg.eigh(drawn.instruments[0])
-        kept = powers > SMALLEST_POWER * powers[-1]
-        equations = np.asarray((directions[:, kept] / np.sqrt(powers[kept])).T) @ equations
+        strong = powers > SMALLEST_POWER * powers[-1]
+        equations = np.asarray((directions[:, strong] / np.sqrt(powers[strong])).T) @ equations
 
         def objective(box: Sequence[Float[np.ndarray, " _"]]) -> Float[np.ndarray, " points"]:
-            left = left_over(self.nodes.over(equations, box))
-            return left + self.variance * self.nodes.misfit(self.nodes.values_over(box), known)
+            squares = residual_squares(self.nodes.over(equations, box))
+            return squares + self.variance * self.nodes.misfit(self.nodes.values_over(box), known)
 
         position = argmin(objective, self.nodes.nodes)
         values = self.nodes.values_at(position)
         weights = self.nodes.weights(values_of([values]))[0]
-        both = np.tensordot(weights, equations, 1)
-        theta = self.solver.solve(LinearSystem(both[:, :-1], both[:, -1])).theta
+        system = np.tensordot(weights, equations, 1)
+        theta = self.solver.solve(LinearSystem(system[:, :-1], system[:, -1])).theta
         return Replicate(values, theta, weights)
 
 
@@ -298,8 +298,8 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
     )
 
 
-def left_over(equations: Float[np.ndarray, "k q n_plus_1"]) -> Float[np.ndarray, " k"]:
-    """What least squares leaves of the last column of many small systems [A b], squared."""
+def residual_squares(equations: Float[np.ndarray, "k q n_plus_1"]) -> Float[np.ndarray, " k"]:
+    """Residual sum of squares of many small systems [A b]."""
     columns = np.moveaxis(equations, 2, 0).copy()
     for j, column in enumerate(columns[:-1]):
         power = np.einsum("kq,kq->k", column, column)
@@ -310,13 +310,13 @@ def left_over(equations: Float[np.ndarray, "k q n_plus_1"]) -> Float[np.ndarray,
 
 
 def replicate_moments(
-    rows: Regression, method: LinearMethod, whole: Moments, plan: BlockPlan
+    rows: Regression, method: LinearMethod, full: Moments, plan: BlockPlan
 ) -> Callable[[Int[np.ndarray, " k"]], Moments]:
     """Make moments of a replicate from the blocks that were drawn, by products of the pieces of a plan."""
     Phi, y, psi = rows.regressors, rows.response, method.assembler.test_functions(rows)
-    if isinstance(whole, TriangularMoments):  # in the coordinates of the root
-        diagonal = np.diag(whole.root)
-        safe = whole.root + np.diag(np.where(diagonal == 0.0, 1.0, 0.0))
+    if isinstance(full, TriangularMoments):  # in the coordinates of the root
+        diagonal = np.diag(full.root)
+        safe = full.root + np.diag(np.where(diagonal == 0.0, 1.0, 0.0))
         Q = scipy.linalg.solve_triangular(safe, np.column_stack([Phi, y]).T, trans="T").T
         Phi, y, psi = Q[:, :-1], Q[:, -1], np.empty((y.size, 0))
     atoms = products_of_rows(psi, Phi, y, edges=plan.bounds)
@@ -324,11 +324,11 @@ def replicate_moments(
 
     def moments(drawn: Int[np.ndarray, " k"]) -> Moments:
         replicate = pieces.resampled(drawn)
-        if not isinstance(whole, TriangularMoments):
-            return CrossMoments(replicate, whole.noise)
+        if not isinstance(full, TriangularMoments):
+            return CrossMoments(replicate, full.noise)
         powers, directions = np.linalg.eigh(replicate.sums[0])
         half = np.sqrt(np.maximum(powers, 0.0))[:, None] * directions.T
-        return TriangularMoments(replicate.count, half @ whole.root, whole.noise)
+        return TriangularMoments(replicate.count, half @ full.root, full.noise)
 
     return moments
 
@@ -384,19 +384,19 @@ def bootstrap(
     check_method(method)
     rows = _sample_rows(problem)
     check_draws(runs, seed)
-    whole = method.moments(problem)
-    solved = method.solve_moments(whole, problem, check=True)
+    full = method.moments(problem)
+    solved = method.solve_moments(full, problem, check=True)
     plan = block_plan(rows.response.size, _length(block_length, solved))
     factor = None if method.equation_weighting.passes == 1 else solved.factor
-    moments, random = replicate_moments(rows, method, whole, plan), np.random.default_rng(seed)
+    moments, random = replicate_moments(rows, method, full, plan), np.random.default_rng(seed)
     results = [_estimated_again(method, moments(plan.drawn(random)), factor) for _ in range(runs)]
-    kept = [result for result in results if result is not None]
+    replicates = [result for result in results if result is not None]
     return Bootstrap(
         rows.names,
         rows.units,
         solved.theta,
-        np.array(kept).reshape(len(kept), rows.regressors.shape[1]),
-        runs - len(kept),
+        np.array(replicates).reshape(len(replicates), rows.regressors.shape[1]),
+        runs - len(replicates),
         plan.blocks,
         plan.block_length,
         None if isinstance(seed, np.random.Generator) else seed,
@@ -406,7 +406,7 @@ def bootstrap(
 def _estimated_again(
     method: LinearMethod, moments: Moments, factor: Float[np.ndarray, "p p"] | None
 ) -> Float[np.ndarray, " n"] | None:
-    """Parameters of a replicate, with the sample's weight where it is made of residuals; None without any."""
+    """Parameters of a replicate, with the sample's weight where it is made of residuals; None on failure."""
     try:
         if factor is None:
             theta = method.solve_moments(moments).theta
@@ -429,12 +429,12 @@ def _sample_rows(problem: LinearProblem) -> Regression:
     return rows
 
 
-def _length(wanted: int | None, solved: Estimate) -> float:
+def _length(length: int | None, solved: Estimate) -> float:
     equation, count = solved.equation, round(solved.count)
-    if wanted is None:  # by what each row moves the parameters by
+    if length is None:  # by what each row moves the parameters by
         return automatic_block_length(np.linalg.solve(equation.slope, equation.rows.scores.T).T)
-    checks.whole("block_length", wanted)
-    if not 1 <= wanted <= count // 2:
+    checks.whole("block_length", length)
+    if not 1 <= length <= count // 2:
         expected = f"a block length from 1 to {count // 2} rows, half of what there is"
-        raise UsageError(expected, f"{wanted}", "Choose another.")
-    return float(wanted)
+        raise UsageError(expected, f"{length}", "Choose another.")
+    return float(length)

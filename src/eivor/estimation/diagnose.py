@@ -56,7 +56,7 @@ class Record:
 
     @cached_property
     def influences(self) -> Float[np.ndarray, "K n"]:
-        """What each block adds to each parameter."""
+        """Contribution of each block to each parameter."""
         sensitivity = self.products.count * self.weights.T @ self.products.sensitivity
         return residuals.influences(self.score_sums, sensitivity)
 
@@ -64,13 +64,13 @@ class Record:
 def record_of(estimate: Estimate) -> Record:
     """Products of a solution's record. Linear in the rows."""
     problem, moments = estimate.problem, estimate.moments
-    made = moments.products if isinstance(moments, CrossMoments) else None
-    if made is not None and made.counts.size > 1 and isinstance(problem, SignalRegression):
-        return _of_blocks(problem, estimate, made)
-    return _of_rows(estimate)
+    products = moments.products if isinstance(moments, CrossMoments) else None
+    if products is not None and products.counts.size > 1 and isinstance(problem, SignalRegression):
+        return _block_record(problem, estimate, products)
+    return _row_record(estimate)
 
 
-def _of_rows(estimate: Estimate) -> Record:
+def _row_record(estimate: Estimate) -> Record:
     problem, theta = estimate.problem, estimate.theta
     rows = next(iter(problem.blocks(sys.maxsize))) if isinstance(problem, SignalRegression) else estimate.rows
     residual = rows.response - rows.regressors @ theta
@@ -90,22 +90,22 @@ def _of_rows(estimate: Estimate) -> Record:
         step_s, size = runs[0].step_s, sum(run.length for run in runs)
         thinning = max(int(0.5 / (step_s * max(run.band_hz[1] for run in runs))), 1)
     edges, start = block_edges(size, block_count(size, p)), 0
-    sums, kept = np.zeros((edges.size - 1, width, width)), np.empty((theta.size + 1, size))
+    sums, series = np.zeros((edges.size - 1, width, width)), np.empty((theta.size + 1, size))
     for _, psi, jacobian, errors in parts:
         stop = start + errors.size
         first, last = np.searchsorted(edges, [start, stop - 1], "right")
         inside = np.clip(edges[first - 1 : last + 1], start, stop) - start
         sums[first - 1 : last] += products_of_rows(psi, jacobian, errors[:, 0], edges=inside).sums
-        kept[:-1, start:stop], kept[-1, start:stop] = jacobian[:, : theta.size].T, errors[:, 0]
+        series[:-1, start:stop], series[-1, start:stop] = jacobian[:, : theta.size].T, errors[:, 0]
         start = stop
         del psi, jacobian, errors  # before the next are made
-    products, (*columns, residual) = Products(np.diff(edges).astype(np.float64), sums, p), kept
+    products, (*columns, residual) = Products(np.diff(edges).astype(np.float64), sums, p), series
     factors = tuple(theta.tolist())
     return Record(*_assembled(estimate, products), residual, tuple(columns), factors, step_s, thinning)
 
 
 def _assembled(estimate: Estimate, products: Products) -> tuple[EquationProducts, Float[np.ndarray, "p n"]]:
-    """With what the compensation, or a direct method's correction, adds to the products; and W A."""
+    """Products with the compensation, or a direct method's correction; and W A."""
     total = np.asarray(products.cross.sum(axis=0))
     if estimate.assembler.moment_equations:
         # the equations are means over rows; of rows in frequency there are not as many as samples
@@ -114,8 +114,8 @@ def _assembled(estimate: Estimate, products: Products) -> tuple[EquationProducts
         linear = estimate.system.matrix.shape[1]
         noise = A[:, :linear] - estimate.system.matrix
         shared = np.zeros(A.shape)
-        seen = np.abs(noise) > SHARED_ROUNDING * np.abs(A[:, :linear])
-        shared[:, :linear] = rows * np.where(seen, noise, 0.0)
+        significant = np.abs(noise) > SHARED_ROUNDING * np.abs(A[:, :linear])
+        shared[:, :linear] = rows * np.where(significant, noise, 0.0)
         A[:, :linear] = estimate.system.matrix
         WA = A if estimate.factor is None else scipy.linalg.cho_solve((estimate.factor, True), A)
         constant = rows * estimate.constant
@@ -128,7 +128,7 @@ def _assembled(estimate: Estimate, products: Products) -> tuple[EquationProducts
     return EquationProducts(*sums, shared, constant, estimate.count), WA
 
 
-def _of_blocks(problem: SignalRegression, estimate: Estimate, made: Products) -> Record:
+def _block_record(problem: SignalRegression, estimate: Estimate, raw: Products) -> Record:
     """Products with the residual y - Phi theta in place of y, from those with y."""
     first, last = problem.first, problem.signals.sample_count
     theta, columns = estimate.theta, problem.regressor_columns
@@ -139,12 +139,12 @@ def _of_blocks(problem: SignalRegression, estimate: Estimate, made: Products) ->
     for factor, series in zip(factors, values, strict=True):
         product = np.empty(min(MULTIPLIED_ROWS, residual.size))
         for start, stop in row_blocks(0, residual.size, MULTIPLIED_ROWS):
-            here, part = slice(start, stop), product[: stop - start]
-            np.multiply(series[here], factor, out=part)
-            residual[here] -= part
-    products = made.with_residual(theta)
+            block, part = slice(start, stop), product[: stop - start]
+            np.multiply(series[block], factor, out=part)
+            residual[block] -= part
+    products = raw.with_residual(theta)
     # The power of the residual is no difference of large numbers.
-    edges = np.concatenate([[0], np.cumsum(made.counts).astype(np.int64)])
+    edges = np.concatenate([[0], np.cumsum(raw.counts).astype(np.int64)])
     products.sums[:, -1, -1] = [residual[a:b] @ residual[a:b] for a, b in pairwise(edges.tolist())]
     step_s = problem.signals.step_s
     return Record(*_assembled(estimate, products), residual, tuple(values), tuple(factors), step_s)
@@ -252,7 +252,7 @@ class Diagnostics:
         return Subject(self.names, errors, self.at_row, self.record.residual.size)
 
     def at_row(self, row: int) -> str:
-        """Where a row is: in seconds and samples of a record, gaps and first lags counted, else as it is."""
+        """Position of a row: in seconds and samples of a record, gaps and first lags counted."""
         problem = self.estimate.problem
         if not isinstance(problem, SignalRegression):
             step_s = self.record.step_s
@@ -289,10 +289,10 @@ class Diagnostics:
         if not self.testable:
             return None
         estimate = self.estimate
-        of_rows = not isinstance(estimate.moments, CrossMoments) or self.in_frequency
+        by_rows = not isinstance(estimate.moments, CrossMoments) or self.in_frequency
         # else it comes from products, as the estimate's warning
         return instruments.strength(
-            self.record.products, conditional=estimate.first_stage if of_rows else None
+            self.record.products, conditional=estimate.first_stage if by_rows else None
         )
 
     @cached_property
@@ -339,8 +339,8 @@ class Diagnostics:
     @cached_property
     def constancy(self) -> residuals.Constancy | None:
         """Whether the parameters changed during the record; None for fewer than 64 samples."""
-        whole = self.record.products.counts.size % residuals.GROUPS == 0
-        return residuals.constancy(self.record.influences) if whole else None
+        divisible = self.record.products.counts.size % residuals.GROUPS == 0
+        return residuals.constancy(self.record.influences) if divisible else None
 
     @cached_property
     def periodicity(self) -> excitation.Periodicity | None:
@@ -350,19 +350,19 @@ class Diagnostics:
     def periodicity_with(
         self, left_over: tuple[excitation.Swing, ...] | None
     ) -> excitation.Periodicity | None:
-        """Whether the parameters, or what is left over, vary periodically; by default the residual is."""
+        """Whether the parameters, or the residual by default, vary periodically."""
         record = self.record
         counts = record.products.counts
         if not self.in_one_flight or counts.size < excitation.LEAST_BLOCKS or self.fits_exactly:
             return None
         step, times = record.step_s or 1.0, self.times
-        made = record.influences
+        influences = record.influences
         named = tuple(zip(self.names, self.estimate.units, strict=True))
         if left_over is None and not self.in_frequency:
             first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
             residual = np.add.reduceat(record.residual, first) / record.residual.size
-            made, named = np.column_stack([made, residual]), (*named, ("the response", ""))
-        blocks = excitation.block_sums(made, counts, times, step)
+            influences, named = np.column_stack([influences, residual]), (*named, ("the response", ""))
+        blocks = excitation.block_sums(influences, counts, times, step)
         unit = "rows" if record.step_s is None else "s"
         swings = excitation.strongest_swings(blocks, named)
         parameters, left_over = swings[: len(self.names)], left_over or swings[len(self.names) :]
@@ -474,5 +474,5 @@ def _scores(direct: Estimate, instrumental: Diagnostics) -> instruments.DirectSc
         return instruments.DirectScores(difference, np.zeros(theta.size), direct.constant, sensitivity)
     root = np.sqrt(power)
     correction = direct.solver.score_correction(np.array([root]), theta, direct.system.error_covariance)
-    pull, nothing = correction.rows[0] / root, np.zeros(theta.size)
-    return instruments.DirectScores(difference, pull, nothing, GG + correction.sensitivity)
+    pull, zero = correction.rows[0] / root, np.zeros(theta.size)
+    return instruments.DirectScores(difference, pull, zero, GG + correction.sensitivity)

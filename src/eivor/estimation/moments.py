@@ -51,13 +51,13 @@ def filtered_instruments(
 ) -> RowBlock:
     """Rows from sample `start` to `stop`, with combinations of successive lags in the instruments' place."""
     lags = problem.instrument_columns
-    reached = problem.signals.channel(lags[0].channel)[start - lags[-1].lag : stop - lags[0].lag]
+    series = problem.signals.channel(lags[0].channel)[start - lags[-1].lag : stop - lags[0].lag]
     taps = lags[0].gain * combinations[::-1].T
     psi = np.zeros((len(taps), stop - start))
     for row, tap in enumerate(taps):
         for index in range(0, tap.size, FAST_TAPS):
-            some = tap[index : index + FAST_TAPS]
-            psi[row] += np.correlate(reached[index : index + stop - start - 1 + some.size], some, "valid")
+            piece = tap[index : index + FAST_TAPS]
+            psi[row] += np.correlate(series[index : index + stop - start - 1 + piece.size], piece, "valid")
     rows = problem.columns_between(problem.columns[len(lags) :], start, stop)
     return RowBlock(rows[:, -1], rows[:, :-1], psi.T, np.zeros(stop - start, dtype=np.int64))
 
@@ -75,8 +75,8 @@ FOLDED_FROM = 250_000
 
 def block_count(rows: int, instruments: int) -> int:
     """A multiple of the groups of the constancy test when there are rows enough."""
-    wanted = GROUPS * -(-max(BLOCKS, BLOCKS_PER_INSTRUMENT * instruments) // GROUPS)
-    return min(wanted, GROUPS * (rows // GROUPS)) if rows >= GROUPS else rows
+    count = GROUPS * -(-max(BLOCKS, BLOCKS_PER_INSTRUMENT * instruments) // GROUPS)
+    return min(count, GROUPS * (rows // GROUPS)) if rows >= GROUPS else rows
 
 
 def products_of_signals(problem: SignalRegression, *, instruments: bool) -> Products:
@@ -87,12 +87,12 @@ def products_of_signals(problem: SignalRegression, *, instruments: bool) -> Prod
         blocks = block_count(count // FOLD, p) if instruments and count >= FOLDED_FROM else 1
         return _folded(problem, psi, columns, blocks)
 
-    def part(stretch: tuple[int, int]) -> Float[np.ndarray, "left right"]:
+    def block_products(stretch: tuple[int, int]) -> Float[np.ndarray, "left right"]:
         Z = problem.columns_between((*psi, *columns), *stretch)
         return Z.T @ Z
 
     stretches = linalg.row_blocks(problem.first, problem.signals.sample_count, linalg.MULTIPLIED_ROWS)
-    sums = np.asarray(sum(linalg.made_ahead(part, stretches)))
+    sums = np.asarray(sum(linalg.made_ahead(block_products, stretches)))
     return Products(np.array([count], dtype=np.float64), sums[None], p)
 
 
@@ -105,30 +105,30 @@ def _folded(
     edges = first + FOLD * block_edges((last - first) // FOLD, blocks)
     p, m = len(psi), len(columns)
     # a column that is one of the lags has its products among theirs
-    lags = [_lag_of(column, psi) for column in columns]
-    strangers = [number for number, lag in enumerate(lags) if lag is None]
-    series, others = problem.signals.channel(psi[0].channel), [values[number] for number in strangers]
+    lags = [_lag_position(column, psi) for column in columns]
+    unlagged = [number for number, lag in enumerate(lags) if lag is None]
+    series, others = problem.signals.channel(psi[0].channel), [values[number] for number in unlagged]
     lagged = _lag_products(series, psi, others, edges, last)
     sums = np.empty((blocks, p + m, p + m))
     sums[:, :p, :p] = lagged[:, :, :p]
-    places = [p + strangers.index(number) if lag is None else lag for number, lag in enumerate(lags)]
-    sums[:, :p, p:] = lagged[:, :, places]
+    positions = [p + unlagged.index(number) if lag is None else lag for number, lag in enumerate(lags)]
+    sums[:, :p, p:] = lagged[:, :, positions]
     sums[:, p:, :p] = sums[:, :p, p:].transpose(0, 2, 1)
     edges[-1] = last
     ends = list(pairwise((edges - first).tolist()))
     for i, j in combinations_with_replacement(range(m), 2):
-        lag, other = (lags[i], j) if lags[i] is not None else (lags[j], i)
+        lag, index = (lags[i], j) if lags[i] is not None else (lags[j], i)
         if lag is None:
             squares = np.array([values[i][start:stop] @ values[j][start:stop] for start, stop in ends])
         else:
-            squares = sums[:, lag, p + other]
+            squares = sums[:, lag, p + index]
         sums[:, p + i, p + j] = sums[:, p + j, p + i] = squares
     gains = np.array([psi[0].gain] * p + [column.gain for column in columns])
     return Products(np.diff(edges).astype(np.float64), sums * np.outer(gains, gains), p)
 
 
-def _lag_of(column: Column, lags: Sequence[Column]) -> int | None:
-    """Which of successive lags of one channel a column is, but for its gain."""
+def _lag_position(column: Column, lags: Sequence[Column]) -> int | None:
+    """Position of a column among successive lags of one channel, but for its gain; None without."""
     equal = column.channel == lags[0].channel and not column.gain_channel
     return column.lag - lags[0].lag if equal and lags[0].lag <= column.lag <= lags[-1].lag else None
 
@@ -141,38 +141,38 @@ def _lag_products(
     last: int,
 ) -> Float[np.ndarray, "K p p_plus_others"]:
     """Sums over each block of u_k-i u_k-j, and of u_k-i w_k for each other series w."""
-    first, least, most = int(edges[0]), psi[0].lag, psi[-1].lag
-    with_lagged = [np.ascontiguousarray(series[first - least : last - least]), *others]
+    first, first_lag, last_lag = int(edges[0]), psi[0].lag, psi[-1].lag
+    columns = [np.ascontiguousarray(series[first - first_lag : last - first_lag]), *others]
 
     def folded(block: tuple[int, int]) -> Float[np.ndarray, "others width fold"]:
-        width = FOLD + most - least
-        total = np.zeros((len(with_lagged), width, FOLD))
+        width = FOLD + last_lag - first_lag
+        total = np.zeros((len(columns), width, FOLD))
         for start, stop in linalg.row_blocks(*block, linalg.MULTIPLIED_ROWS):
             rows = (stop - start) // FOLD
-            origin = series[start - most :]
+            origin = series[start - last_lag :]
             A = as_strided(origin, (rows, width), (FOLD * origin.strides[0], origin.strides[0])).copy()
-            for j, other in enumerate(with_lagged):
-                total[j] += A.T @ other[start - first : stop - first].reshape(rows, FOLD)
+            for j, column in enumerate(columns):
+                total[j] += A.T @ column[start - first : stop - first].reshape(rows, FOLD)
         return total
 
     blocks = list(pairwise(edges.tolist()))
-    # every block by itself: threads change no sum
-    each = map(folded, blocks) if last - first < THREADED_FROM_ROWS else linalg.made_ahead(folded, blocks)
-    G, p, index = np.stack(list(each)), most - least + 1, np.arange(FOLD)
+    # block by block: threads change no sum
+    totals = map(folded, blocks) if last - first < THREADED_FROM_ROWS else linalg.made_ahead(folded, blocks)
+    G, p, index = np.stack(list(totals)), last_lag - first_lag + 1, np.arange(FOLD)
     sums = np.stack([G[..., index + p - 1 - lag, index].sum(axis=-1) for lag in range(p)], axis=-2)
     for sample in range(int(edges[-1]), last):
-        now = series[sample - np.arange(least, most + 1)]
-        sums[-1] += np.outer(now, [other[sample - first] for other in with_lagged])
+        lagged = series[sample - np.arange(first_lag, last_lag + 1)]
+        sums[-1] += np.outer(lagged, [column[sample - first] for column in columns])
     # The sum at lags (i + 1, j + 1) is that at (i, j) but for the samples at both ends of the block.
     sums_of_lags = np.empty((len(blocks), p, p))
     sums_of_lags[:, :, 0] = sums_of_lags[:, 0, :] = sums[:, :, 0]
     start, stop = edges[:-1], np.append(edges[1:-1], last)
-    entering, leaving = (series[end[:, None] - 1 - least - np.arange(p)] for end in (start, stop))
+    entering, leaving = (series[end[:, None] - 1 - first_lag - np.arange(p)] for end in (start, stop))
     for i in range(p - 1):
-        done = slice(0, i + 1)
-        change = entering[:, [i]] * entering[:, done] - leaving[:, [i]] * leaving[:, done]
+        computed = slice(0, i + 1)
+        change = entering[:, [i]] * entering[:, computed] - leaving[:, [i]] * leaving[:, computed]
         sums_of_lags[:, i + 1, 1 : i + 2] = sums_of_lags[:, 1 : i + 2, i + 1] = (
-            sums_of_lags[:, i, done] + change
+            sums_of_lags[:, i, computed] + change
         )
     return np.concatenate([sums_of_lags, sums[:, :, 1:]], axis=2)
 
@@ -193,15 +193,15 @@ def products_of(problem: LinearProblem, *, instruments: bool = True) -> Products
         remedy = 'Name them: regression(signals, ev.lags("input", 0, 10)), or regression(instruments=...).'
         raise InstrumentError("instruments", "a problem without any", remedy)
     if isinstance(problem, SignalRegression):
-        made = products_of_signals(problem, instruments=instruments)
+        products = products_of_signals(problem, instruments=instruments)
     else:
         rows = problem.rows()
         psi, edges = rows.instruments if instruments else rows.regressors, np.array([0, rows.response.size])
-        made = products_of_rows(psi, rows.regressors, rows.response, edges=edges)
-    if not np.isfinite(made.sums).all():
+        products = products_of_rows(psi, rows.regressors, rows.response, edges=edges)
+    if not np.isfinite(products.sums).all():
         remedy = "Check the channels for overflow or missing values."
         raise NonFiniteError("finite cross-products", "NaN or infinity", remedy)
-    return made
+    return products
 
 
 def root_of_rows(problem: LinearProblem) -> tuple[int, Float[np.ndarray, "k n_plus_1"]]:
@@ -228,7 +228,7 @@ class TriangularMoments:
 
     def merge(self, other: Moments) -> TriangularMoments:
         if not isinstance(other, TriangularMoments) or self.root.shape[1] != other.root.shape[1]:
-            raise _unlike(self, other)
+            raise _incompatible(self, other)
         noise = _mean_noise(self, other)
         return TriangularMoments(self.rows + other.rows, linalg.merged_roots(self.root, other.root), noise)
 
@@ -268,7 +268,7 @@ class CrossMoments:
     def merge(self, other: Moments) -> CrossMoments:
         """Sums of both; count-weighted means of the noises' covariances."""
         if not isinstance(other, CrossMoments) or self.equations.shape != other.equations.shape:
-            raise _unlike(self, other)
+            raise _incompatible(self, other)
         return CrossMoments((self.products.total + other.products.total).total, _mean_noise(self, other))
 
 
@@ -300,7 +300,7 @@ def _mean_noise(moments: Moments, other: Moments) -> Float[np.ndarray, "m n"] | 
     return moments.noise * (moments.rows / total) + other.noise * (other.rows / total)
 
 
-def _unlike(moments: Moments, other: Moments) -> UsageError:
+def _incompatible(moments: Moments, other: Moments) -> UsageError:
     return UsageError(
         f"moments of the same kind and columns as these {type(moments).__name__}",
         f"{type(other).__name__} of other columns" if type(moments) is type(other) else type(other).__name__,
@@ -331,7 +331,7 @@ class Assembler(ABC):
             raise InstrumentError(expected, received, remedy)
 
     def noise(self, problem: LinearProblem) -> Float[np.ndarray, "p n_plus_1"] | None:
-        """Mean covariance of the noises of what equations are products of; None where none is taken out."""
+        """Mean noise covariance of the columns of the equations; None where none is taken out."""
         self.check_noise(problem)
         if not self.compensates:
             return None
@@ -342,7 +342,7 @@ class Assembler(ABC):
     def system(self, moments: Moments) -> linalg.LinearSystem:
         """Equations for the parameters; by default mean cross-products, less the noises' where it does so."""
         if not isinstance(moments, CrossMoments):
-            raise _other_kind("cross moments", moments)
+            raise _wrong_kind("cross moments", moments)
         p = moments.products.tested
         equations = moments.products.mean[:p, p:]
         available, columns = equations.shape
@@ -352,7 +352,7 @@ class Assembler(ABC):
             raise InstrumentError(expected, f"{available}", remedy)
         if self.compensates:
             if moments.noise is None:
-                raise _other_kind("cross moments with the noises' covariance", moments)
+                raise _wrong_kind("cross moments with the noises' covariance", moments)
             equations = equations - moments.noise
         if self.takes_out_own_noise:
             _check_compensated(moments.products.mean[:p, p:-1], equations[:, :-1])
@@ -376,7 +376,7 @@ class Direct(Assembler):
 
     def system(self, moments: Moments) -> linalg.LinearSystem:
         if not isinstance(moments, TriangularMoments):
-            raise _other_kind("triangular moments", moments)
+            raise _wrong_kind("triangular moments", moments)
         return linalg.LinearSystem(moments.root[:, :-1], moments.root[:, -1], moments.noise, moments.rows)
 
 
@@ -418,7 +418,7 @@ def _check_compensated(moments: Float[np.ndarray, "n n"], compensated: Float[np.
         )
 
 
-def _other_kind(expected: str, moments: Moments) -> UsageError:
+def _wrong_kind(expected: str, moments: Moments) -> UsageError:
     return UsageError(
         expected, type(moments).__name__, "Make the moments with the method that is to use them."
     )

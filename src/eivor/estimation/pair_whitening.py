@@ -36,7 +36,7 @@ class PairedBins:
     layout: BinRows
     theta: Vector
     state: SampledState
-    least: float = 0.0
+    floor: float = 0.0
     order: Int[np.ndarray, " bins"] | EllipsisType = ...  # Of the bins; default: that of the runs
 
     @cached_property
@@ -56,13 +56,13 @@ class PairedBins:
         )
 
     def shapes(self) -> sampling.Shapes:
-        """C of what drives, of the state, of the response, and of a disturbance: one unit of noise each."""
+        """C of one unit of noise of the inputs, of the state, of the response, and of a disturbance."""
         entries, K = np.ones(self.frequency_hz.size), float(self.theta[self.state.index])
-        moved = 2j / self.step_s * np.tan(np.pi * self.frequency_hz * self.step_s) + K
+        rate = 2j / self.step_s * np.tan(np.pi * self.frequency_hz * self.step_s) + K
         driven = float(np.sum((self.theta * self.state.driven_density) ** 2)) * entries
         return (
-            sampling.PairSpectrum(driven + self.least, driven + self.least, driven.astype(complex)),
-            sampling.PairSpectrum(K * K * entries, np.abs(moved) ** 2, K * moved.conj()),
+            sampling.PairSpectrum(driven + self.floor, driven + self.floor, driven.astype(complex)),
+            sampling.PairSpectrum(K * K * entries, np.abs(rate) ** 2, K * rate.conj()),
             sampling.PairSpectrum(entries, 0.0 * entries, 0.0j * entries),
             sampling.PairSpectrum(entries, entries, entries.astype(complex)),
         )
@@ -79,7 +79,7 @@ class PairedBins:
         return result.T * np.sqrt(self.density_scale)
 
     def fitted_noises(self, bins: SpectralRegression) -> tuple[FittedNoise, ...]:
-        """The same with their errors; strengths are amplitude densities at `STRENGTH_AT_HZ`."""
+        """Fitted noises with errors; strengths are amplitude densities at `STRENGTH_AT_HZ`."""
         return sampling.fitted_noises(*self.fitted(bins), f"per root of Hz, at {STRENGTH_AT_HZ:g} Hz")
 
     def fitted(
@@ -110,7 +110,7 @@ def paired_bins(problem: SeparableProblem, theta: Vector, nuisances: Values) -> 
     bins = problem.bins(nuisances)
     pairs = PairedBins(bins.layout, theta, state)
     power = np.abs(bins.responses[:, 0]) ** 2 * pairs.density_scale
-    return replace(pairs, least=ROUNDING * float(np.median(power)))
+    return replace(pairs, floor=ROUNDING * float(np.median(power)))
 
 
 #: Neighbours of a bin, on each side, that identify the power of its input without itself.
@@ -179,9 +179,9 @@ def recoloured(
 ) -> sampling.PairSpectrum:
     """L P L^H of a model L L^H, P means of I and of the periodogram of what it whitened over so many bins."""
     across = white[0] * white[1].conj()
-    seen = averaged(np.stack([*np.abs(white) ** 2, across.real, across.imag], axis=1))
+    averages = averaged(np.stack([*np.abs(white) ** 2, across.real, across.imag], axis=1))
     share = count / (count + IDENTITY)
-    first, two, real, imaginary = share * seen.T + np.outer([1.0, 1.0, 0.0, 0.0], 1.0 - share)
+    first, two, real, imaginary = share * averages.T + np.outer([1.0, 1.0, 0.0, 0.0], 1.0 - share)
     across = real + 1j * imaginary
     top, below, bottom = model.root  # L = [top 0; below bottom]
     return sampling.PairSpectrum(

@@ -23,7 +23,7 @@ from eivor.models.signal_regression import SignalModel
 from eivor.signals.signals import Signals
 from eivor.tools import Float, Int
 
-#: Part of a scaled regressor that the others must leave of it.
+#: Least residual of a scaled regressor on the others.
 COLLINEAR_SHARE = 1e-10
 
 
@@ -58,8 +58,8 @@ NORMAL_MEDIAN = 1.4826
 REST = 8
 #: Looks that the scale is the median of, before the first that is summed, and that are kept after a change.
 SCALE_LOOKS, LEAST_LOOKS, KEPT_LOOKS = 80, 20, 3
-#: Least of what a look shows of a parameter over what looks do on average, to show anything.
-LEAST_SEEN = 0.1
+#: Least information of a look on a parameter, over the average, to count.
+LEAST_STRENGTH = 0.1
 #: What a change counts in the sums to both sides.
 SIDES = np.array([[1.0], [-1.0]])
 
@@ -103,71 +103,71 @@ class Change:
 
 @dataclass(frozen=True)
 class Watch:
-    """What a detector saw so far."""
+    """State of a detector."""
 
     references: References | None = None
-    before: Float[np.ndarray, "looks m"] = field(default_factory=lambda: np.zeros((0, 0)))
+    history: Float[np.ndarray, "looks m"] = field(default_factory=lambda: np.zeros((0, 0)))
     sums: Float[np.ndarray, "2 m"] = field(default_factory=lambda: np.zeros((2, 0)))
     held: Int[np.ndarray, "2 m"] = field(default_factory=lambda: np.zeros((2, 0), dtype=np.int64))
     resting: int = 0
 
     def expecting(self, newest: References | None, detector: ChangeDetector) -> Watch:
-        """With the estimate just before the next look; None where there is none."""
+        """State with the estimate before the next look; None where there is none."""
         if newest is None:
             return self
         watched = newest.mapped.shape[1]
         if self.references is None:
-            before = self.before if self.before.size else np.zeros((0, watched))
+            history = self.history if self.history.size else np.zeros((0, watched))
             nothing = np.zeros((2, watched), dtype=np.int64)
-            return Watch(newest, before, nothing.astype(np.float64), nothing, self.resting)
+            return Watch(newest, history, nothing.astype(np.float64), nothing, self.resting)
         theta, mapped = (
-            np.concatenate([kept, new])[-detector.held_looks :]
-            for kept, new in ((self.references.theta, newest.theta), (self.references.mapped, newest.mapped))
+            np.concatenate([old, new])[-detector.held_looks :]
+            for old, new in ((self.references.theta, newest.theta), (self.references.mapped, newest.mapped))
         )
         held = np.where(self.sums > 0.0, np.minimum(self.held + 1, len(theta) - 1), 0)
         return replace(self, references=References(theta, mapped, newest.watched), held=held)
 
-    def after(self, look: Float[np.ndarray, "p n_plus_1"] | None, detector: ChangeDetector) -> Watch:
-        """With means of one more look; one without rows, or that nothing is expected of, shows nothing."""
+    def with_look(self, look: Float[np.ndarray, "p n_plus_1"] | None, detector: ChangeDetector) -> Watch:
+        """State after one more look; a look without rows or reference changes nothing."""
         if self.references is None or look is None:
             return self
         # changes of the parameters that the look shows, and how well, over what looks do on average
         mapped = np.matmul(self.references.mapped, look)
         change = mapped[:, :, -1] - np.matmul(mapped[:, :, :-1], self.references.theta[:, :, None])[:, :, 0]
-        seen = np.diagonal(mapped[:, :, self.references.watched], axis1=1, axis2=2)
-        nothing, sums = seen < LEAST_SEEN, self.sums
-        roots = np.sqrt(np.where(nothing, 0.0, np.minimum(seen, 1.0)))
+        strength = np.diagonal(mapped[:, :, self.references.watched], axis1=1, axis2=2)
+        uninformative, sums = strength < LEAST_STRENGTH, self.sums
+        roots = np.sqrt(np.where(uninformative, 0.0, np.minimum(strength, 1.0)))
         # Of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing.
-        expected = np.where(nothing, 1.0, seen)
-        units = np.where(nothing, np.nan, change / np.maximum(np.sqrt(expected), expected))
-        if self.before.shape[0] >= LEAST_LOOKS and not self.resting:
+        expected = np.where(uninformative, 1.0, strength)
+        units = np.where(uninformative, np.nan, change / np.maximum(np.sqrt(expected), expected))
+        if self.history.shape[0] >= LEAST_LOOKS and not self.resting:
             positions = (roots.shape[0] - 1 - self.held, np.arange(roots.shape[1]))
             root = roots[positions]
-            sizes = np.sort(np.abs(self.before), axis=0)  # NaN last
+            sizes = np.sort(np.abs(self.history), axis=0)  # NaN last
             half = np.count_nonzero(~np.isnan(sizes), axis=0) // 2
-            middle = np.nan_to_num(sizes[half, np.arange(sizes.shape[1])])
-            scale = np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf)  # infinite: most showed no change
+            median = np.nan_to_num(sizes[half, np.arange(sizes.shape[1])])
+            scale = np.where(median > 0.0, NORMAL_MEDIAN * median, np.inf)  # infinite: most showed no change
             step = np.clip(np.nan_to_num(units[positions]) / scale, -detector.limit, detector.limit)
             sums = np.maximum(sums + root * (SIDES * step - detector.drift * root), 0.0)
-        before = np.concatenate([self.before, units[-1:]])[-SCALE_LOOKS:]
-        return replace(self, before=before, sums=sums, resting=max(self.resting - 1, 0))
+        history = np.concatenate([self.history, units[-1:]])[-SCALE_LOOKS:]
+        return replace(self, history=history, sums=sums, resting=max(self.resting - 1, 0))
 
-    def looked(
+    def inspected(
         self, weighted: streaming.ExponentiallyWeightedProducts, detector: ChangeDetector
     ) -> tuple[Watch, streaming.ExponentiallyWeightedProducts, tuple[tuple[int, bool], ...]]:
-        """After the last look of products; after a change without what came before it, but for the scale."""
-        blocks = weighted.closed.between(
+        """State after the last look of products; after a change only the scale stays."""
+        blocks = weighted.closed.select(
             weighted.closed.blocks - streaming.BLOCKS_PER_LOOK, weighted.closed.blocks
         )
         count = blocks.products.count
         look = weighted.compensated(blocks).sum(axis=0) / count if count > 0.0 else None
-        watch = self.after(look, detector)
+        watch = self.with_look(look, detector)
         sides, parameters = np.nonzero(watch.sums > detector.threshold)
         if not sides.size:
             return watch, weighted, ()
         changed = tuple((int(j), bool(side == 0)) for side, j in zip(sides, parameters, strict=True))
-        kept = weighted.last(KEPT_LOOKS * streaming.BLOCKS_PER_LOOK)
-        return Watch(before=watch.before, resting=REST), kept, changed
+        recent = weighted.last(KEPT_LOOKS * streaming.BLOCKS_PER_LOOK)
+        return Watch(history=watch.history, resting=REST), recent, changed
 
 
 @dataclass(frozen=True)
@@ -222,27 +222,27 @@ class RecursiveIdentification:
         lag = self.model.regression_lag(self.instruments)
         joined = chunk if self._tail is None else streaming.continued(self._tail, chunk, lag)
         problem = self.model.regression(joined, self.instruments)
-        following = copy(self)
-        following._set(
-            changes=(), _parameters=problem.parameters, _tail=streaming.end_of(joined, max(lag, 1))
+        successor = copy(self)
+        successor._set(
+            changes=(), _parameters=problem.parameters, _tail=streaming.last_samples(joined, max(lag, 1))
         )
         for stretch in streaming.timed_rows(problem, self.method.assembler):
-            following._add(stretch)
-        return following
+            successor._add(stretch)
+        return successor
 
     def _add(self, rows: streaming.TimedRows) -> None:
-        """Take rows into a copy that nobody has seen yet; look for changes where there is a detector."""
+        """Add rows to a new copy, in place; look for changes where there is a detector."""
         forgetting, weighted, watch = streaming.Forgetting(self.memory), self._products, self._watch
         if weighted is None:
-            weighted = streaming.nothing_yet(rows, forgetting)
+            weighted = streaming.empty_products(rows, forgetting)
         if self.detector is None:
-            self._set(_products=weighted.then(rows))
+            self._set(_products=weighted.updated(rows))
             return
         names, changes = [parameter.name for parameter in self._parameters], list(self.changes)
         for stretch in rows.stretches(weighted.samples, forgetting.block_length):
-            weighted = weighted.then(stretch)
+            weighted = weighted.updated(stretch)
             if weighted.samples % forgetting.block_length == 0:
-                watch, weighted, changed = watch.looked(weighted, self.detector)
+                watch, weighted, changed = watch.inspected(weighted, self.detector)
                 changes += [Change(names[j], weighted.samples, up) for j, up in changed]
                 watch = watch.expecting(newest_reference(weighted), self.detector)
         self._set(_products=weighted, _watch=watch, changes=tuple(changes))
@@ -278,8 +278,8 @@ class RecursiveIdentification:
             remedy = "Give more samples than the largest lag, valid ones among the last of them."
             raise TooFewSamplesError("rows that are not forgotten yet", "none", remedy)
         result = identify(ProblemMoments(self._parameters, weighted.moments), self.method)
-        made_of = weighted, result.theta, equation_map(result)
-        return replace(result, streamed_covariance=streaming.exponentially_weighted_covariance(*made_of))
+        arguments = weighted, result.theta, equation_map(result)
+        return replace(result, streamed_covariance=streaming.exponentially_weighted_covariance(*arguments))
 
 
 def identify_recursively(
@@ -344,7 +344,7 @@ LEAST_INFORMATION_SHARE = 1e-12
 RESOLVED = 1e-6
 #: Times that the information of a row is renewed at the estimate.
 PASSES = 3
-#: Rows without any error determine everything; in numbers, so much.
+#: Largest information of a row, which rows without error reach.
 MOST_INFORMATION = 1e200
 #: Largest half-width over the value with which a parameter counts as given.
 LARGEST_SHARE = 0.2
@@ -374,7 +374,7 @@ Posterior = tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n p"], Float[np.nd
 
 @dataclass(frozen=True, slots=True)
 class Follower:
-    """What follows one parameter of several."""
+    """Follower of one parameter of several."""
 
     index: int
     priors: tuple[Prior | None, ...]
@@ -384,24 +384,24 @@ class Follower:
     def points(
         self, rows: streaming.TimedRows, forgetting: streaming.Forgetting, detector: ChangeDetector
     ) -> Iterator[Moment]:
-        then, watching = streaming.nothing_yet(rows, forgetting), Watch()
+        weighted, watch = streaming.empty_products(rows, forgetting), Watch()
         for stretch in rows.stretches(0, forgetting.block_length):
-            then = then.then(stretch)
+            weighted = weighted.updated(stretch)
             if stretch.count < forgetting.block_length:
                 return
-            watching, then, changed = watching.looked(then, detector)
+            watch, weighted, changed = watch.inspected(weighted, detector)
             change = (1 if changed[0][1] else -1) if changed else 0
-            j, value, half, posterior = self.index, math.nan, math.inf, self.posterior(then)
+            j, value, half, posterior = self.index, math.nan, math.inf, self.posterior(weighted)
             if posterior is not None:
                 theta, mapped, known = posterior
-                covariance = streaming.exponentially_weighted_covariance(then, theta, mapped)
+                covariance = streaming.exponentially_weighted_covariance(weighted, theta, mapped)
                 half = covariance.half_width(np.eye(theta.size)[j], 0.95, float(known[j, j]))
-                value, share = float(theta[j]), float(mapped[j] @ then.moments.equations[:, j])
+                value, share = float(theta[j]), float(mapped[j] @ weighted.moments.equations[:, j])
                 if share > 0.0:  # later looks are held against what rows alone say of a change
                     newest = References(theta[None, :], mapped[None, [j]] / share, slice(j, j + 1))
-                    watching = watching.expecting(newest, detector)
-            counted = then.total.products.count / forgetting.memory
-            yield Moment(float(self.time_s[then.samples - 1]), value, half, counted, change)
+                    watch = watch.expecting(newest, detector)
+            counted = weighted.total.products.count / forgetting.memory
+            yield Moment(float(self.time_s[weighted.samples - 1]), value, half, counted, change)
 
     def posterior(self, weighted: streaming.ExponentiallyWeightedProducts) -> Posterior | None:
         if not weighted.effective_rows > self.start.size:
@@ -411,10 +411,10 @@ class Follower:
         products = moments.products.instruments.sum(axis=0) / moments.rows
         scale = unit_scale(np.diag(products))
         values, vectors = np.linalg.eigh(products * np.outer(scale, scale))
-        kept = values > CONSTANT * max(values[-1], 0.0)
-        basis = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+        varying = values > CONSTANT * max(values[-1], 0.0)
+        basis = scale[:, None] * vectors[:, varying] / np.sqrt(values[varying])
         A, b = np.hsplit(basis.T @ moments.equations, [-1])
-        information, seen = A.T @ A, A.T @ b[:, 0]
+        information, projected = A.T @ A, A.T @ b[:, 0]
         precision = np.diag([0.0 if prior is None else prior.std**-2 for prior in self.priors])
         mean = np.array([0.0 if prior is None else prior.mean for prior in self.priors])
         if not information[self.index, self.index] > 0.0:
@@ -426,13 +426,13 @@ class Follower:
             powers = np.diag(information)
             variances = [np.mean((np.diag(part.matrix) / powers)[powers > 0.0]) for part in scores.parts]
             row = 1.0 / float(max(*variances, np.finfo(np.float64).tiny))
-            most = max(float(np.abs(seen).max()), float(np.abs(information).max()))
-            row = min(row, MOST_INFORMATION / most)
+            largest = max(float(np.abs(projected).max()), float(np.abs(information).max()))
+            row = min(row, MOST_INFORMATION / largest)
             # without the directions that nothing gives
             normal = row * information + precision
             sizes = np.outer(*2 * [unit_scale(np.diag(normal))])
             inverse = sizes * np.linalg.pinv(normal * sizes, rcond=LEAST_INFORMATION_SHARE, hermitian=True)
-            theta = inverse @ (row * seen + precision @ mean)
+            theta = inverse @ (row * projected + precision @ mean)
         known = inverse @ precision @ inverse
         # a direction that nothing gives may hold some of it: the least of all solutions is no estimate
         if inverse[self.index] @ normal[:, self.index] < 1.0 - RESOLVED:

@@ -39,7 +39,7 @@ class Pilot:
 
 
 def consistent_estimate(problem: SignalRegression) -> Estimate:
-    """Generalized IV of the same problem, without its warnings: what it says is used, or reported, later."""
+    """Generalized IV of the same problem, without its warnings, which are reported later."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", WeakInstrumentsWarning)
         return GENERALIZED_IV.estimate(problem)
@@ -96,7 +96,7 @@ class SpectralSolution:
 
     @property
     def parameters(self) -> int:
-        """How many: K, b, and rho where it is free."""
+        """Number of parameters: K, b, and rho where it is free."""
         return 3 if self.free_blend else 2
 
     @property
@@ -115,19 +115,19 @@ class SpectralSolution:
 
     @cached_property
     def nuisance_shapes(self) -> Complex[np.ndarray, "q 2 bins"]:
-        """What nuisances do to the residuals: psi."""
+        """Derivatives of the residuals by nuisances: psi."""
         return self.motion.nuisance_shapes(self.nuisances.size > 1)
 
     @cached_property
     def tests(self) -> Spectra:
         """Test functions before C^-1: w c U d_j, c psi, and c U s / S_u where sigma_u^2 is unknown."""
-        by_instrument = self.of_noise * self.instrument
+        by_instrument = self.corrections * self.instrument
         shapes = self.nuisance_shapes * self.factors
         return np.concatenate([by_instrument[: self.parameters], shapes, by_instrument[self.parameters :]])
 
     @cached_property
-    def of_noise(self) -> Complex[np.ndarray, "m 2 bins"]:
-        """What the input's noise is taken off with: w c d_j, and c s / S_u where sigma_u^2 is unknown."""
+    def corrections(self) -> Complex[np.ndarray, "m 2 bins"]:
+        """Tests that correct for the input's noise: w c d_j, and c s / S_u where sigma_u^2 is unknown."""
         directions = self.motion.directions[: self.parameters] * (self.weights * self.factors)
         if self.noise_test is None:
             return directions
@@ -142,43 +142,43 @@ class SpectralSolution:
 
     def scores(self) -> Float[np.ndarray, " n"]:
         """Left sides of the equations."""
-        left = _products(self.tests, self.spectrum.solved(self.residual)[None])[:, 0]
+        result = _products(self.tests, self.spectrum.solved(self.residual)[None])[:, 0]
         if self.input_variance:
             by_noise = self.spectrum.solved(self.motion.input_noise)
-            left[self.noisy] += self.input_variance * _products(self.of_noise, by_noise[None])[:, 0]
-        return left
+            result[self.noisy] += self.input_variance * _products(self.corrections, by_noise[None])[:, 0]
+        return result
 
     def stepped(self) -> sampling.SampledMotion:
-        return moved_by(self.motion, -np.linalg.solve(self.sensitivity, self.scores())[: self.parameters])
+        return shifted(self.motion, -np.linalg.solve(self.sensitivity, self.scores())[: self.parameters])
 
     @cached_property
     def _derivatives(self) -> tuple[Complex[np.ndarray, "k 2 bins"], Complex[np.ndarray, "p 2 bins"]]:
-        """C^-1 times the derivatives of the residuals: what moves, and what the compensation moves."""
+        """C^-1 times the derivatives of the residuals, and those of the compensation."""
         solved = self.spectrum.solved(self.motion.directions[: self.parameters])
-        moved = [solved * self.motion.record.input, self.spectrum.solved(self.nuisance_shapes)]
-        return np.concatenate(moved), solved * self.input_variance
+        parts = [solved * self.motion.record.input, self.spectrum.solved(self.nuisance_shapes)]
+        return np.concatenate(parts), solved * self.input_variance
 
     @cached_property
     def sensitivity(self) -> Float[np.ndarray, "n n"]:
         """J, the derivative of the equations by parameters and nuisances, a sum over bins."""
-        moved, taken = self._derivatives
+        slopes, noise = self._derivatives
         result = np.zeros((self.tests.shape[0], self.tests.shape[0]))
-        result[:, : len(moved)] = _products(self.tests, moved)
-        result[np.ix_(self.noisy, np.arange(len(taken)))] -= _products(self.of_noise, taken)
+        result[:, : len(slopes)] = _products(self.tests, slopes)
+        result[np.ix_(self.noisy, np.arange(len(noise)))] -= _products(self.corrections, noise)
         if self.noise_test is not None:
             by_noise = self.spectrum.solved(self.motion.input_noise)
-            result[self.noisy, -1] = _products(self.of_noise, by_noise[None])[:, 0]
+            result[self.noisy, -1] = _products(self.corrections, by_noise[None])[:, 0]
         return result
 
     def leverage(self, inverse: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " bins"]:
         """Share of each bin in J, as the trace of J^-1 times it."""
-        moved, taken = self._derivatives
-        shares = _shares(self.tests, np.tensordot(inverse[: len(moved)].T, moved, 1))
-        shares = shares - _shares(self.of_noise, np.tensordot(inverse[: len(taken), self.noisy].T, taken, 1))
+        slopes, noise = self._derivatives
+        shares = _shares(self.tests, np.tensordot(inverse[: len(slopes)].T, slopes, 1))
+        shares -= _shares(self.corrections, np.tensordot(inverse[: len(noise), self.noisy].T, noise, 1))
         if self.noise_test is None:
             return shares
         by_noise = self.spectrum.solved(self.motion.input_noise)
-        return shares + _shares(self.of_noise, inverse[-1, self.noisy][:, None, None] * by_noise)
+        return shares + _shares(self.corrections, inverse[-1, self.noisy][:, None, None] * by_noise)
 
 
 def _products(left: Spectra, right: Complex[np.ndarray, "m 2 bins"]) -> Matrix:
@@ -192,7 +192,7 @@ def _flat(pairs: Spectra) -> Float[np.ndarray, "n numbers"]:
 
 
 def _shares(left: Spectra, right: Spectra) -> Float[np.ndarray, " bins"]:
-    """Re of x^H y of each bin, summed over what stands first."""
+    """Re of x^H y of each bin, summed over the other axes."""
     return (left.real * right.real + left.imag * right.imag).sum(axis=(0, 1))
 
 
@@ -210,7 +210,7 @@ def solved_equations(
     bins = record.input if instrument is None else instrument
     weights = np.ones(bins.size) if closed else signal_weights(record.input, input_variance)
     noise, prior, leverage = pilot.noise, pilot.prior, np.zeros(bins.size)
-    now = SpectralSolution(
+    solution = SpectralSolution(
         pilot.motion,
         nuisances=np.array([pilot.transient, 0.0, 0.0])[: 3 if ramps else 1],
         spectrum=noise.spectrum(pilot.motion),
@@ -222,52 +222,52 @@ def solved_equations(
         noise_test=noise_test,
     )
     for number in range(EQUATION_PASSES):
-        residual = now.residual
+        residual = solution.residual
         if noise_test is not None:
-            known = max(now.input_variance, 0.0)
-            noise = replace(noise, input_variance=known)
-            prior = replace(prior, centre=replace(prior.centre, input_variance=known))
-            now = replace(now, weights=signal_weights(record.input, known))
-        noise = sampling.fitted_noise(now.motion, residual, noise, prior) if number else noise
-        C = corrected_spectrum(noise.spectrum(now.motion), residual, leverage)
-        now = replace(now, spectrum=C, factors=held_back(residual, C))
-        before = now.motion
-        now, leverage = _newton(now)
-        change = abs(now.motion.friction / before.friction - 1.0) + abs(now.motion.gain / before.gain - 1.0)
-        now = replace(now, change=change)
-        if now.converged:
+            variance = max(solution.input_variance, 0.0)
+            noise = replace(noise, input_variance=variance)
+            prior = replace(prior, centre=replace(prior.centre, input_variance=variance))
+            solution = replace(solution, weights=signal_weights(record.input, variance))
+        noise = sampling.fitted_noise(solution.motion, residual, noise, prior) if number else noise
+        C = corrected_spectrum(noise.spectrum(solution.motion), residual, leverage)
+        solution = replace(solution, spectrum=C, factors=held_back(residual, C))
+        old = solution.motion
+        solution, leverage = _newton(solution)
+        new = solution.motion
+        change = abs(new.friction / old.friction - 1.0) + abs(new.gain / old.gain - 1.0)
+        solution = replace(solution, change=change)
+        if solution.converged:
             break
-    return replace(
-        now, noises=sampling.fitted_noises(now.motion, now.residual, noise, prior, sampling.MEASURE)
-    )
+    noises = sampling.fitted_noises(solution.motion, solution.residual, noise, prior, sampling.MEASURE)
+    return replace(solution, noises=noises)
 
 
-def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, " bins"]]:
+def _newton(solution: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, " bins"]]:
     """Newton's steps at fixed weights; the leverage of each bin at their beginning."""
-    first = now
+    start = solution
     try:
-        inverse = np.linalg.inv(first.sensitivity)
+        inverse = np.linalg.inv(start.sensitivity)
     except np.linalg.LinAlgError as error:
         expected = "an input that moves the vehicle"
         raise EstimationError(expected, "equations without a unique solution", "Excite it more.") from error
     for _ in range(STEPS):
-        step = -inverse @ now.scores()
-        largest = float(np.max(np.abs(step[:2]) / np.abs([now.motion.friction, now.motion.gain])))
+        step = -inverse @ solution.scores()
+        largest = float(np.max(np.abs(step[:2]) / np.abs([solution.motion.friction, solution.motion.gain])))
         if largest > LARGEST_SHARE:
             step *= LARGEST_SHARE / largest
-        last = now.parameters + now.nuisances.size
-        now = replace(
-            now,
-            motion=moved_by(now.motion, step[: now.parameters]),
-            nuisances=now.nuisances + step[now.parameters : last],
-            input_variance=now.input_variance + float(step[last:].sum()),
+        last = solution.parameters + solution.nuisances.size
+        solution = replace(
+            solution,
+            motion=shifted(solution.motion, step[: solution.parameters]),
+            nuisances=solution.nuisances + step[solution.parameters : last],
+            input_variance=solution.input_variance + float(step[last:].sum()),
         )
         if largest < EQUATION_TOLERANCE:
             break
-    return now, np.maximum(first.leverage(inverse), 0.0)
+    return solution, np.maximum(start.leverage(inverse), 0.0)
 
 
-def moved_by(motion: sampling.SampledMotion, step: Float[np.ndarray, " n"]) -> sampling.SampledMotion:
+def shifted(motion: sampling.SampledMotion, step: Float[np.ndarray, " n"]) -> sampling.SampledMotion:
     """Motion whose friction, gain, and rho where the step has one, are moved."""
     values = np.array([motion.friction, motion.gain, motion.blend]) + np.pad(step, (0, 3 - step.size))
     return sampling.SampledMotion(motion.record, *values.tolist())
@@ -285,12 +285,12 @@ def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...])
     direction = motion.directions[:n]
     theta = np.array([motion.friction, motion.gain, motion.blend])[:n]
     tests, nuisance_tests = solution.tests[:n], solution.tests[n : n + solution.nuisances.size]
-    moved = C.solved(solution.nuisance_shapes).conj()
-    by_nuisance = np.einsum("jkb,lkb->jl", moved, tests).real
-    among = np.einsum("jkb,lkb->jl", moved, nuisance_tests).real
-    freed = tests - np.tensordot(np.linalg.solve(among, by_nuisance).T, nuisance_tests, 1)
+    weighted_shapes = C.solved(solution.nuisance_shapes).conj()
+    by_nuisance = np.einsum("jkb,lkb->jl", weighted_shapes, tests).real
+    by_shape = np.einsum("jkb,lkb->jl", weighted_shapes, nuisance_tests).real
+    orthogonal = tests - np.tensordot(np.linalg.solve(by_shape, by_nuisance).T, nuisance_tests, 1)
     X = -series_of(C.whitened(direction * motion.record.input), count).reshape(direction.shape[0], -1).T
-    Psi = -series_of(C.whitened(freed), count).reshape(direction.shape[0], -1).T
+    Psi = -series_of(C.whitened(orthogonal), count).reshape(direction.shape[0], -1).T
     residual = series_of(C.whitened(solution.residual), count).ravel()
     # what the input's noise adds to products of instruments with [X y], a mean over rows
     response = motion.input_noise + np.tensordot(theta, direction, 1)
@@ -326,24 +326,24 @@ class SpectralCovariance:
 
 def spectral_covariance(solution: SpectralSolution, chosen: slice = EVERY) -> SpectralCovariance:
     """Covariances at a solution, of all its parameters or of some."""
-    whole = np.linalg.inv(solution.sensitivity)
-    inverse = whole[: solution.parameters][chosen]
-    answered = np.tensordot(inverse, solution.tests, axes=1)
-    of_bins = _meat(solution, inverse, answered)
-    powers = np.einsum("jjb->jb", of_bins)
+    full_inverse = np.linalg.inv(solution.sensitivity)
+    inverse = full_inverse[: solution.parameters][chosen]
+    combined = np.tensordot(inverse, solution.tests, axes=1)
+    bin_meat = _meat(solution, inverse, combined)
+    powers = np.einsum("jjb->jb", bin_meat)
     degrees = 2.0 * powers.sum(axis=1) ** 2 / (powers**2).sum(axis=1)
-    leverage = np.clip(solution.leverage(whole), 0.0, LARGEST_LEVERAGE)
+    leverage = np.clip(solution.leverage(full_inverse), 0.0, LARGEST_LEVERAGE)
     enlarged = np.sqrt((powers / (1.0 - leverage / 4.0)).sum(axis=1) / powers.sum(axis=1))
-    model = of_bins.sum(axis=2) * np.outer(enlarged, enlarged)
+    model = bin_meat.sum(axis=2) * np.outer(enlarged, enlarged)
     record = solution.motion.record
     residual = series_of(solution.spectrum.whitened(solution.residual), record.count)
-    answers = series_of(solution.spectrum.whitened(answered), record.count)
-    influence = (0.5 * np.einsum("jkt,kt->tj", answers, residual)) * enlarged
+    combined_series = series_of(solution.spectrum.whitened(combined), record.count)
+    influence = (0.5 * np.einsum("jkt,kt->tj", combined_series, residual)) * enlarged
     in_time = sum_covariance(influence)
     noise_error = 0.0
     if solution.noise_test is not None:
-        last = np.tensordot(whole[-1:], solution.tests, axes=1)
-        noise_error = float(np.sqrt(_meat(solution, whole[-1:], last).sum()))
+        last = np.tensordot(full_inverse[-1:], solution.tests, axes=1)
+        noise_error = float(np.sqrt(_meat(solution, full_inverse[-1:], last).sum()))
     return SpectralCovariance(model, in_time, np.maximum(degrees, LEAST_DEGREES), influence, noise_error)
 
 
@@ -354,11 +354,11 @@ def sum_covariance(series: Float[np.ndarray, "samples n"]) -> Float[np.ndarray, 
     return averages.T @ averages / averages.shape[0]
 
 
-def _meat(solution: SpectralSolution, inverse: Matrix, answered: Spectra) -> Float[np.ndarray, "n n bins"]:
-    """J^-1 M J^-T, bin by bin, with the tests that some rows of J^-1 are answered by."""
-    meat = np.einsum("jkb,lkb->jlb", answered.conj(), solution.spectrum.solved(answered)).real
+def _meat(solution: SpectralSolution, inverse: Matrix, combined: Spectra) -> Float[np.ndarray, "n n bins"]:
+    """J^-1 M J^-T, bin by bin, for some rows of J^-1 and the tests that they combine."""
+    meat = np.einsum("jkb,lkb->jlb", combined.conj(), solution.spectrum.solved(combined)).real
     if solution.input_variance:
-        by_noise = np.tensordot(inverse[:, solution.noisy], solution.of_noise, axes=1)
+        by_noise = np.tensordot(inverse[:, solution.noisy], solution.corrections, axes=1)
         shared = solution.spectrum.solved(solution.motion.input_noise)
         phi = np.einsum("jkb,kb->jb", by_noise.conj(), shared)
         meat += solution.input_variance**2 * (phi[:, None] * phi[None, :]).real

@@ -53,8 +53,8 @@ def usual_blend(free: spectral.SpectralSolution) -> float | None:
 
 def blend_error(free: spectral.SpectralSolution) -> float:
     """Standard error of a free rho, the larger one of both covariances."""
-    of_blend = spectral.spectral_covariance(free, slice(2, 3))
-    return float(np.sqrt(max(of_blend.model[0, 0], of_blend.in_time[0, 0])))
+    covariance = spectral.spectral_covariance(free, slice(2, 3))
+    return float(np.sqrt(max(covariance.model[0, 0], covariance.in_time[0, 0])))
 
 
 def joint_covariance(covariance: spectral.SpectralCovariance) -> JointCovariance:
@@ -90,14 +90,14 @@ COMPARE = "Compare with reference_iv; fly longer, or with more excitation."
 CONTRADICTS = "it contradicts generalized IV beyond chance"
 
 
-def instead(name: str, plain: Estimate, why: str, remedy: str = EXCITE) -> Estimate:
+def substitute(name: str, plain: Estimate, why: str, remedy: str = EXCITE) -> Estimate:
     """Generalized IV's answer, with the reason why it stands in and what to do about it."""
     sentence = f"The spectral estimate is not given, since {why}: these are generalized IV's numbers."
     return replace(plain, method=name, met=(*plain.met, Reason(Status.WEAK, sentence, remedy)))
 
 
 def start_of(sampled: sampling.SampledProblem, plain: Estimate) -> sampling.SampledMotion:
-    """Motion at generalized IV's numbers; a `SpectraError` where nothing can begin there."""
+    """Motion at generalized IV's numbers; a `SpectraError` where these are no start."""
     friction, gain = (float(value) for value in plain.values[:2])
     if friction > 0.0 and gain != 0.0:
         return sampling.SampledMotion(sampled.record, friction, gain)
@@ -106,15 +106,15 @@ def start_of(sampled: sampling.SampledProblem, plain: Estimate) -> sampling.Samp
 
 def distance_of(plain: Estimate, solution: spectral.SpectralSolution) -> float:
     """Squared distance of friction and gain from generalized IV's, in the errors of both."""
-    between = plain.values[:2] - solution.values
-    of_instruments = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
-    spread = np.diag(np.maximum(np.diag(solution.covariance.model[:2, :2]), 0.0)) + of_instruments
-    return float(between @ np.linalg.solve(spread, between))
+    difference = plain.values[:2] - solution.values
+    instrument_covariance = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
+    spread = np.diag(np.maximum(np.diag(solution.covariance.model[:2, :2]), 0.0)) + instrument_covariance
+    return float(difference @ np.linalg.solve(spread, difference))
 
 
-def fallen_back(name: str, plain: Estimate, error: sampling.SpectraError) -> Estimate:
-    """The same with the reason as a warning too."""
-    answer = instead(name, plain.with_covariance(EqualWeightedCosines()), *error.args)
+def fall_back(name: str, plain: Estimate, error: sampling.SpectraError) -> Estimate:
+    """Generalized IV's answer, with the reason as a warning too."""
+    answer = substitute(name, plain.with_covariance(EqualWeightedCosines()), *error.args)
     reason = answer.met[-1]
     warnings.warn(f"{reason.sentence} {reason.remedy}", FallbackWarning, stacklevel=user_level())
     return answer
@@ -126,7 +126,7 @@ LIKELIHOOD_PASSES, LIKELIHOOD_TOLERANCE = 8, 1e-5
 EVALUATIONS = 60
 
 
-def least_quadratic(
+def minimise_quadratic(
     motion: sampling.SampledMotion,
     transient: float,
     spectrum: Callable[[sampling.SampledMotion], sampling.PairSpectrum],
@@ -136,22 +136,22 @@ def least_quadratic(
 
     units = np.array([motion.friction, motion.gain, max(abs(transient), 1e-3 * abs(motion.gain))])
 
-    def at(x: Float[np.ndarray, " 3"]) -> tuple[sampling.SampledMotion, float]:
+    def motion_at(x: Float[np.ndarray, " 3"]) -> tuple[sampling.SampledMotion, float]:
         friction, gain, t = (x * units).tolist()
         return replace(motion, friction=friction, gain=gain), t
 
     def whitened(x: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " rows"]:
-        moved, t = at(x)
-        pair = spectrum(moved).whitened(moved.steady_state(t)).ravel()
-        return np.concatenate([pair.real, pair.imag])
+        trial, t = motion_at(x)
+        residual = spectrum(trial).whitened(trial.steady_state(t)).ravel()
+        return np.concatenate([residual.real, residual.imag])
 
     first = np.array([1.0, 1.0, transient / units[2]])
     evaluations = EVALUATIONS * first.size
     squares = least_squares(whitened, first, method="lm", max_nfev=evaluations, xtol=1e-9, ftol=1e-10)
-    return *at(squares.x), bool(squares.success)
+    return *motion_at(squares.x), bool(squares.success)
 
 
-#: Share of right pairs of answers that are no farther apart than is allowed.
+#: Probability that two consistent estimates are no farther apart than is allowed.
 ALLOWED = 0.999
 
 
@@ -168,28 +168,28 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
         result = corrected_whitening(name).estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
         why = "its equations have no solution"
-        return instead(name, spectral.GENERALIZED_IV.estimate(problem), why, COMPARE)
+        return substitute(name, spectral.GENERALIZED_IV.estimate(problem), why, COMPARE)
     try:
         plain = spectral.GENERALIZED_IV.estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
         return with_noises(problem, result)
     distance = _squared_distance(result, plain)
     if distance > hotelling_quantile(ALLOWED, result.theta.size, COSINE_AVERAGES):
-        return instead(name, plain, f"{CONTRADICTS} (squared distance {distance:.3g})", COMPARE)
+        return substitute(name, plain, f"{CONTRADICTS} (squared distance {distance:.3g})", COMPARE)
     return with_noises(problem, result)
 
 
 def with_noises(problem: SeparableProblem, estimate: Estimate) -> Estimate:
-    """Estimate with the noises that fit what it leaves."""
+    """Estimate with the noises that fit its residuals."""
     pairs = paired_bins(problem, estimate.theta, estimate.nuisances)
     return replace(estimate, noises=pairs.fitted_noises(problem.bins(estimate.nuisances)))
 
 
 def _squared_distance(estimate: Estimate, other: Estimate) -> float:
     count = estimate.theta.size
-    between = estimate.theta - other.theta
+    difference = estimate.theta - other.theta
     spread = estimate.covariance[:count, :count] + other.covariance[:count, :count]
-    return float(between @ np.linalg.lstsq(spread, between, rcond=None)[0])
+    return float(difference @ np.linalg.lstsq(spread, difference, rcond=None)[0])
 
 
 #: Least share of the input's variance that a search begins at.
@@ -214,8 +214,8 @@ def input_noise_start(problem: Problem, method: str) -> tuple[Problem, bool] | E
         raise MissingNoiseError(expected, f"none that is declared; and {error}", remedy) from error
     if result.status is Status.REFUSED:
         return replace(result, method=method)
-    least = LEAST_SHARE * float(np.var(problem.signals.channel(driver)))
-    variance = max(result.parameters[f"noise_variance_{driver}"], least)
+    floor = LEAST_SHARE * float(np.var(problem.signals.channel(driver)))
+    variance = max(result.parameters[f"noise_variance_{driver}"], floor)
     return _with_noise(problem, driver, float(np.sqrt(variance))), True
 
 
@@ -257,7 +257,7 @@ class SpectralGeneralizedIV(Method):
             sampled = replace(sampling.sampled_problem(checked, self.name), noise_estimated=start[1])
             solution, count = _spectral(sampled, plain), sampled.record.count
         except sampling.SpectraError as error:
-            return fallen_back(self.name, plain, error)
+            return fall_back(self.name, plain, error)
         candidate = spectral.solved_rows(
             solution, (*sampled.problem.parameters, BLEND)[: solution.parameters]
         )
@@ -329,17 +329,17 @@ def _with_blend(sampled: sampling.SampledProblem, start: sampling.SampledMotion)
 def _combined(candidate: Estimate, plain: Estimate, solution: spectral.SpectralSolution) -> Estimate:
     """theta_S - Cov(theta_S, delta) Var(delta)^-1 delta with delta = theta_G - theta_S."""
     influence, equation, n = solution.covariance.influence, plain.equation, solution.parameters
-    other = np.zeros((influence.shape[0], 2))
+    plain_influence = np.zeros((influence.shape[0], 2))
     scores = np.linalg.solve(equation.sensitivity, equation.scores.T).T
-    other[-scores.shape[0] :] = scores
-    joint = spectral.sum_covariance(np.concatenate([influence, other - influence[:, :2]], axis=1))
+    plain_influence[-scores.shape[0] :] = scores
+    joint = spectral.sum_covariance(np.concatenate([influence, plain_influence - influence[:, :2]], axis=1))
     weights = np.linalg.solve(joint[n:, n:], joint[n:, :n]).T
     theta = candidate.theta - weights @ (plain.values[:2] - solution.values)
-    alone = joint_covariance(solution.covariance)
+    marginal = joint_covariance(solution.covariance)
     matrix = joint[:n, :n] - weights @ joint[n:, :n]
-    of_both = CovariancePart("equal_weighted_cosines", matrix, alone.parts[0].degrees)
-    moved, covariance = replace(candidate.solution, theta=theta), JointCovariance((of_both, *alone.parts))
-    return replace(candidate, solution=moved, streamed_covariance=covariance)
+    combined = CovariancePart("equal_weighted_cosines", matrix, marginal.parts[0].degrees)
+    new, covariance = replace(candidate.solution, theta=theta), JointCovariance((combined, *marginal.parts))
+    return replace(candidate, solution=new, streamed_covariance=covariance)
 
 
 #: What to do about a likelihood whose assumptions do not hold.
@@ -367,7 +367,7 @@ class WhittleLikelihood(Method):
                 raise MissingNoiseError(expected, "instruments of another channel than the input", remedy)
             solution = self._likelihood(sampled, plain)
         except sampling.SpectraError as error:
-            return fallen_back(self.name, plain, error)
+            return fall_back(self.name, plain, error)
         solved = spectral.solved_rows(solution, sampled.problem.parameters)
         candidate = replace(
             solved,
@@ -394,10 +394,10 @@ class WhittleLikelihood(Method):
                 motion, transient, noise = pilot.motion, pilot.transient, pilot.noise
                 refined = False
                 for _ in range(LIKELIHOOD_PASSES):
-                    before = np.array([motion.friction, motion.gain])
-                    motion, transient, result = least_quadratic(motion, transient, noise.spectrum)
-                    moved = np.abs(np.array([motion.friction, motion.gain]) - before)
-                    refined = result and bool((moved <= LIKELIHOOD_TOLERANCE * np.abs(before)).all())
+                    previous = np.array([motion.friction, motion.gain])
+                    motion, transient, result = minimise_quadratic(motion, transient, noise.spectrum)
+                    change = np.abs(np.array([motion.friction, motion.gain]) - previous)
+                    refined = result and bool((change <= LIKELIHOOD_TOLERANCE * np.abs(previous)).all())
                     if refined:
                         break
                     noise = sampling.fitted_noise(motion, motion.steady_state(transient), noise, pilot.prior)

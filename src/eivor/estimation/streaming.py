@@ -78,17 +78,17 @@ def check_chunked(model: object, method: object, instruments: object) -> None:
 def chunk_problems(
     chunks: Iterable[Signals], *, model: SignalModel, instruments: tuple[Column, ...]
 ) -> Iterator[SignalRegression]:
-    """Problem of each chunk that has rows, with as many samples before it as a row reaches back."""
-    lag, before = model.regression_lag(instruments), None
+    """Problem of each chunk that has rows, with the samples before it that lags need."""
+    lag, joined = model.regression_lag(instruments), None
     for chunk in chunks:
         checks.kind("a chunk", chunk, Signals, "Signals", "Give the stretches of one record in their order.")
-        before = chunk if before is None else continued(before, chunk, lag)
-        problem = model.regression(before, instruments)
-        if before.sample_count > problem.first and (problem.used is None or problem.used.any()):
+        joined = chunk if joined is None else continued(joined, chunk, lag)
+        problem = model.regression(joined, instruments)
+        if joined.sample_count > problem.first and (problem.used is None or problem.used.any()):
             yield problem
 
 
-def end_of(signals: Signals, count: int) -> Signals:
+def last_samples(signals: Signals, count: int) -> Signals:
     """Last samples of signals."""
     start = max(signals.sample_count - count, 0)
     return replace(
@@ -100,18 +100,18 @@ def end_of(signals: Signals, count: int) -> Signals:
     )
 
 
-def continued(before: Signals, chunk: Signals, lag: int) -> Signals:
-    """Return a chunk with the last `lag` samples before it."""
-    if chunk.rate_hz != before.rate_hz or set(chunk.channels) != set(before.channels):
-        expected = f"chunks of one record: {before.rate_hz:g} Hz, {', '.join(sorted(before.channels))}"
+def continued(previous: Signals, chunk: Signals, lag: int) -> Signals:
+    """Chunk with the last `lag` samples before it."""
+    if chunk.rate_hz != previous.rate_hz or set(chunk.channels) != set(previous.channels):
+        expected = f"chunks of one record: {previous.rate_hz:g} Hz, {', '.join(sorted(previous.channels))}"
         received = f"a chunk of {chunk.rate_hz:g} Hz with {', '.join(sorted(chunk.channels))}"
         raise UsageError(expected, received, "Give the chunks of one record in their order.")
-    follows = before.offset + before.sample_count
+    follows = previous.offset + previous.sample_count
     if chunk.offset not in (0, follows):
-        wanted = f"a chunk that begins where the one before it ends, at sample {follows}"
+        expected = f"a chunk that begins where the one before it ends, at sample {follows}"
         remedy = "Give every chunk, in order; mark samples that are missing as not valid."
-        raise UsageError(wanted, f"one that says it begins at sample {chunk.offset}", remedy)
-    end = end_of(before, lag)
+        raise UsageError(expected, f"one that says it begins at sample {chunk.offset}", remedy)
+    end = last_samples(previous, lag)
     valid = None
     if end.valid is not None or chunk.valid is not None:
         valid = np.concatenate(
@@ -196,10 +196,10 @@ class Forgetting:
 
     def __post_init__(self) -> None:
         checks.number("memory", self.memory)
-        least, most = MEMORIES
-        if not least <= self.memory <= most:
+        shortest, longest = MEMORIES
+        if not shortest <= self.memory <= longest:
             remedy = "It is 1 / (1 - lambda): 200 for a forgetting factor of 0.995."
-            raise UsageError(f"a memory of {least:g} to {most:g} samples", f"{self.memory:g}", remedy)
+            raise UsageError(f"a memory of {shortest:g} to {longest:g} samples", f"{self.memory:g}", remedy)
 
     @property
     def factor(self) -> float:
@@ -236,7 +236,7 @@ class TimedRows:
 
     @property
     def count(self) -> int:
-        """Samples, those among them that do not count."""
+        """Number of samples, with those that do not count."""
         return self.columns.shape[0]
 
     @property
@@ -245,10 +245,10 @@ class TimedRows:
         first = self.tested, self.tested + self.right, self.columns.shape[1] - 1
         return np.split(self.columns, first, axis=1)
 
-    def between(self, start: int, stop: int) -> TimedRows:
+    def select(self, start: int, stop: int) -> TimedRows:
         return replace(self, columns=self.columns[start:stop])
 
-    def then(self, other: TimedRows) -> TimedRows:
+    def append(self, other: TimedRows) -> TimedRows:
         return replace(self, columns=np.concatenate([self.columns, other.columns])) if self.count else other
 
     def stretches(self, first: int, look: int) -> Iterator[TimedRows]:
@@ -256,7 +256,7 @@ class TimedRows:
         start = 0
         while start < self.count:
             stop = min(start + look - (first + start) % look, self.count)
-            yield self.between(start, stop)
+            yield self.select(start, stop)
             start = stop
 
 
@@ -327,7 +327,7 @@ class WeightedBlockSums:
         """Blocks of both, one after the other."""
         return WeightedBlockSums(np.concatenate([self.packed, other.packed]), self.width, self.tested)
 
-    def between(self, start: int, stop: int) -> WeightedBlockSums:
+    def select(self, start: int, stop: int) -> WeightedBlockSums:
         return WeightedBlockSums(self.packed[start:stop], self.width, self.tested)
 
     def weighted(self, factors: Float[np.ndarray, " K"]) -> WeightedBlockSums:
@@ -340,11 +340,11 @@ def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int) -> Weight
     """Sums of blocks of `length` rows each, weighted to the end of each block."""
     weights = forgetting.weights(length)
     blocks = rows.count // max(length, 1)
-    left, right, noise, counted = (part.reshape(blocks, length, part.shape[1]) for part in rows.parts)
-    every = np.concatenate([left, right], axis=2)
-    sums = np.matmul((every * weights[:, None]).swapaxes(1, 2), every)
+    psi, right, noise, counted = (part.reshape(blocks, length, part.shape[1]) for part in rows.parts)
+    columns = np.concatenate([psi, right], axis=2)
+    sums = np.matmul((columns * weights[:, None]).swapaxes(1, 2), columns)
     used, noises = counted[:, :, 0], np.einsum("klj,l->kj", noise, weights)
-    width = every.shape[2]
+    width = columns.shape[2]
     flat = sums.reshape(blocks, width**2)
     packed = np.column_stack([flat, noises, used @ weights, used @ weights**2])
     return WeightedBlockSums(packed, width, rows.tested)
@@ -360,27 +360,27 @@ class ExponentiallyWeightedProducts:
     waiting: TimedRows  # Rows of the block that is not full yet
     samples: int = 0  # Samples so far, those among them that did not count
 
-    def then(self, rows: TimedRows) -> ExponentiallyWeightedProducts:
+    def updated(self, rows: TimedRows) -> ExponentiallyWeightedProducts:
         length = self.forgetting.block
-        joined = self.waiting.then(rows)
+        joined = self.waiting.append(rows)
         full = joined.count // length * length
-        seen = replace(self, waiting=joined.between(full, joined.count), samples=self.samples + rows.count)
+        waiting = replace(self, waiting=joined.select(full, joined.count), samples=self.samples + rows.count)
         if not full:
-            return seen
-        sums = sums_of_rows(joined.between(0, full), self.forgetting, length)
+            return waiting
+        sums = sums_of_rows(joined.select(0, full), self.forgetting, length)
         products = np.append(self.forgetting.factor**full, self._block_factors(sums.blocks))
         closed = self.closed + sums
         first = max(
             closed.blocks - int(np.ceil(MEMORIES_KEPT * self.forgetting.memory / self.forgetting.block)), 0
         )
         return replace(
-            seen, full=(self.full + sums).weighted(products), closed=closed.between(first, closed.blocks)
+            waiting, full=(self.full + sums).weighted(products), closed=closed.select(first, closed.blocks)
         )
 
     def last(self, blocks: int) -> ExponentiallyWeightedProducts:
         """The same with the last full blocks only, and the rows that wait: all else is forgotten."""
-        kept = self.closed.between(max(self.closed.blocks - blocks, 0), self.closed.blocks)
-        return replace(self, full=kept.weighted(self._block_factors(kept.blocks)), closed=kept)
+        closed = self.closed.select(max(self.closed.blocks - blocks, 0), self.closed.blocks)
+        return replace(self, full=closed.weighted(self._block_factors(closed.blocks)), closed=closed)
 
     def _block_factors(self, blocks: int) -> Float[np.ndarray, " blocks"]:
         """Weights of successive full blocks at the end of the last."""
@@ -403,8 +403,8 @@ class ExponentiallyWeightedProducts:
         """One sum of all rows, with the weights that they have now."""
         if not self.waiting.count:
             return self.full
-        since = self.forgetting.factor**self.waiting.count
-        return (self.full + self._waiting_sums).weighted(np.array([since, 1.0]))
+        decay = self.forgetting.factor**self.waiting.count
+        return (self.full + self._waiting_sums).weighted(np.array([decay, 1.0]))
 
     @property
     def effective_rows(self) -> float:
@@ -430,17 +430,17 @@ class ExponentiallyWeightedProducts:
         return sums.products.equations - self.noise_table(sums)
 
     def scores(self, sums: WeightedBlockSums, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, "K p"]:
-        """What an estimate leaves of each block: compensated sums of psi times the residual."""
-        left = self.compensated(sums)
-        return left[:, :, -1] - left[:, :, :-1] @ theta
+        """Compensated sums of psi times the residual of each block."""
+        products = self.compensated(sums)
+        return products[:, :, -1] - products[:, :, :-1] @ theta
 
 
-def nothing_yet(rows: TimedRows, forgetting: Forgetting) -> ExponentiallyWeightedProducts:
+def empty_products(rows: TimedRows, forgetting: Forgetting) -> ExponentiallyWeightedProducts:
     """Products of no rows, with the columns of some."""
-    none = rows.between(0, 0)
-    empty = sums_of_rows(none, forgetting, forgetting.block)
+    no_rows = rows.select(0, 0)
+    empty = sums_of_rows(no_rows, forgetting, forgetting.block)
     zero = replace(empty, packed=np.zeros((1, empty.packed.shape[1])))
-    return ExponentiallyWeightedProducts(forgetting, zero, empty, none)
+    return ExponentiallyWeightedProducts(forgetting, zero, empty, no_rows)
 
 
 def exponentially_weighted_covariance(

@@ -51,14 +51,14 @@ class EquationChoice(Enum):
             selected = list(instruments)
             for column in problem.regressor_columns:
                 if column.channel:
-                    most = ORDER_LAGS if column.channel in orders else WHITE_LAGS
-                    selected += [replace(column, lag=column.lag + lag) for lag in range(most + 1)]
+                    last_lag = ORDER_LAGS if column.channel in orders else WHITE_LAGS
+                    selected += [replace(column, lag=column.lag + lag) for lag in range(last_lag + 1)]
         elif self is EquationChoice.FRISCH:
             selected.append(problem.equation.response)
-        kept: dict[tuple[str, int, str], Column] = {}
+        distinct: dict[tuple[str, int, str], Column] = {}
         for column in (*selected, *instruments):
-            kept.setdefault((column.channel, column.lag, column.gain_channel), column)
-        return tuple(kept.values())
+            distinct.setdefault((column.channel, column.lag, column.gain_channel), column)
+        return tuple(distinct.values())
 
 
 #: Largest lag: the record over this.
@@ -78,17 +78,17 @@ def long_memory_covariance(
     def sums(spectrum: np.ndarray) -> Float[np.ndarray, "lags *k"]:
         return np.fft.irfft(spectrum, length, axis=0)
 
-    of_error, of_influence = np.fft.rfft(error, length), np.fft.rfft(influence, length, axis=0)
-    by_error = weights * sums(np.abs(of_error) ** 2)
-    across = sums(of_influence * of_error.conj()[:, None])
+    error_spectrum, influence_spectrum = np.fft.rfft(error, length), np.fft.rfft(influence, length, axis=0)
+    by_error = weights * sums(np.abs(error_spectrum) ** 2)
+    across = sums(influence_spectrum * error_spectrum.conj()[:, None])
     backwards = np.roll(across[::-1], 1, axis=0)
     results = across.T @ (weights[:, None] * backwards)
     for number in range(influence.shape[1]):
-        results[number] += by_error @ sums(of_influence[:, [number]] * of_influence.conj())
+        results[number] += by_error @ sums(influence_spectrum[:, [number]] * influence_spectrum.conj())
     return 0.5 * (results + results.T)
 
 
-#: Degree in the order of the polynomials that stand for D between the orders at which it is computed.
+#: Degree of the polynomials in the order that interpolate D.
 DEGREE = 14
 #: Where a search of an order begins.
 FIRST_ORDER = -0.1
@@ -114,7 +114,7 @@ class SharedMoments:
 
     problem: SignalRegression
     unknown: tuple[UnknownNoise, ...]
-    made: dict[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+    cache: dict[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -122,16 +122,16 @@ class SharedMoments:
 
     @cached_property
     def known(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """What declared noises add."""
+        """Products of declared noises."""
         return self._shared(self.problem.signals.noise)
 
     def unit(
         self, noise: UnknownNoise, order: float, *, slope: bool = False
     ) -> Float[np.ndarray, "p n_plus_1"]:
         """D of a channel's noise, or its slope by the order."""
-        if noise.channel not in self.made:
-            self.made[noise.channel] = self._coefficients(noise)
-        coefficients = self.made[noise.channel]
+        if noise.channel not in self.cache:
+            self.cache[noise.channel] = self._coefficients(noise)
+        coefficients = self.cache[noise.channel]
         scaled = order / LARGEST_ORDER
         if slope:
             return np.asarray(chebval(scaled, chebder(coefficients)) / LARGEST_ORDER)
@@ -141,11 +141,11 @@ class SharedMoments:
         if not noise.fractional:
             return self._shared({noise.channel: WhiteNoise(1.0)})[None]
         orders = LARGEST_ORDER * chebpts1(DEGREE + 1)
-        made = np.stack(
+        values = np.stack(
             [self._shared({noise.channel: FractionalNoise(1.0, float(order))}) for order in orders]
         )
-        fitted = chebfit(orders / LARGEST_ORDER, made.reshape(DEGREE + 1, -1), DEGREE)
-        return np.asarray(fitted.reshape(made.shape))
+        fitted = chebfit(orders / LARGEST_ORDER, values.reshape(DEGREE + 1, -1), DEGREE)
+        return np.asarray(fitted.reshape(values.shape))
 
     def _shared(self, noise: Mapping[str, MeasurementNoise]) -> Float[np.ndarray, "p n_plus_1"]:
         problem = self.problem
@@ -157,7 +157,7 @@ class SharedMoments:
     def added(
         self, beta: Float[np.ndarray, " k"]
     ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p k"]]:
-        """What all noises add to mean(psi e), with its sign turned, and the slopes of that."""
+        """Minus what all noises add to mean(psi e), and its slopes."""
         n = len(self.problem.parameters)
         direction = np.append(beta[:n], -1.0)
         total, slopes, position = self.known.copy(), np.zeros((len(self.known), beta.size)), n
@@ -198,20 +198,20 @@ class NoiseEstimatingIV(Method):
             remedy = "Make one with VerticalMotion().regression(signals, instruments)."
             raise UsageError(expected, type(problem).__name__, remedy)
         psi = self.choice.columns(problem, self.orders)
-        whole = SignalRegression(problem.signals, problem.equation, psi)
-        right = (*whole.regressor_columns, whole.equation.response)
-        both = {item.channel for item in right} & {item.channel for item in psi}
+        regression = SignalRegression(problem.signals, problem.equation, psi)
+        right = (*regression.regressor_columns, regression.equation.response)
+        shared = {column.channel for column in right} & {column.channel for column in psi}
         declared = set(problem.signals.noise)
-        channels = dict.fromkeys(item.channel for item in right if item.channel in both - {""})
-        strange = [name for name in self.orders if name not in channels or name in declared]
-        if strange:
+        channels = dict.fromkeys(column.channel for column in right if column.channel in shared - {""})
+        invalid = [name for name in self.orders if name not in channels or name in declared]
+        if invalid:
             raise UsageError(
                 f"orders of noises that are unknown: {', '.join(set(channels) - declared) or 'none is'}",
-                ", ".join(f"'{name}'" for name in strange),
+                ", ".join(f"'{name}'" for name in invalid),
                 "Leave it out, or do not declare its noise.",
             )
         unknown = tuple(UnknownNoise(name, name in self.orders) for name in channels if name not in declared)
-        search = _MomentSearch(SharedMoments(whole, unknown))
+        search = _MomentSearch(SharedMoments(regression, unknown))
         return search.estimate(self.name, search.minimum())
 
 
@@ -252,18 +252,18 @@ class _MomentSearch:
         linear = [(number, j) for number, unit in enumerate(units) for j in np.flatnonzero(unit.any(axis=0))]
         extra = [units[number][:, j] for number, j in linear]
         right = self.cross[:, -1] - self.shared.known[:, -1]
-        left = np.column_stack([self.cross[:, :-1] - self.shared.known[:, :-1], *(-item for item in extra)])
-        left = self._divided(left)
-        size = column_scale(left)
-        result = size * np.linalg.lstsq(left * size, self._divided(right), rcond=None)[0]
+        matrix = np.column_stack([self.cross[:, :-1] - self.shared.known[:, :-1], *(-item for item in extra)])
+        matrix = self._divided(matrix)
+        size = column_scale(matrix)
+        result = size * np.linalg.lstsq(matrix * size, self._divided(right), rcond=None)[0]
         direction = np.append(result[:n], -1.0)
         beta = list(result[:n])
         signals = self.shared.problem.signals
         for number, noise in enumerate(self.shared.unknown):
-            selected = [(result[n + i], direction[j]) for i, (of, j) in enumerate(linear) if of == number]
+            selected = [(result[n + i], direction[j]) for i, (k, j) in enumerate(linear) if k == number]
             power = sum(factor**2 for _, factor in selected)
             variance = sum(value * factor for value, factor in selected) / power
-            if noise.fractional:  # more than what is as good as none
+            if noise.fractional:  # bounded away from zero
                 beta += [max(variance, NOTHING * float(np.var(signals.channel(noise.channel)))), FIRST_ORDER]
             else:
                 beta.append(variance)
@@ -278,7 +278,7 @@ class _MomentSearch:
         for noise in self.shared.unknown:
             bounds += [(0.0, np.inf), (-LARGEST_ORDER, LARGEST_ORDER)] if noise.fractional else free
         for _ in range(PASSES):
-            # each in units of its own slope, and no tolerance that has a unit, as that of the gradient has
+            # unknowns in units of their slopes; no gradient tolerance, since it has a unit
             size = column_scale(self._slopes(beta))
             squares = least_squares(
                 lambda x, size=size: self._residual(size * x),
@@ -299,8 +299,8 @@ class _MomentSearch:
         n, psi, count = self.cross.shape[1] - 1, self.rows.instruments, self.rows.response.size
         error = self.rows.response - self.rows.regressors @ beta[:n]
         lags = newey_west_bandwidth(count)
-        whole = psi.T @ error
-        covariance = psi.T @ psi * float(error @ error) / count**2 + np.outer(whole, whole) / count**2
+        moment = psi.T @ error
+        covariance = psi.T @ psi * float(error @ error) / count**2 + np.outer(moment, moment) / count**2
         for lag in range(1, lags + 1):
             share = (1.0 - lag / (lags + 1.0)) / count**2
             lagged = psi[lag:].T @ psi[:-lag] * float(error[lag:] @ error[:-lag])
@@ -309,33 +309,33 @@ class _MomentSearch:
         return covariance
 
     def estimate(self, name: str, beta: Float[np.ndarray, " k"]) -> Estimate:
-        alone = self._solved(beta)
-        covariance = JointCovariance((*alone.joint_covariance.parts, *self._of_normal_series(beta)))
+        solved = self._solved(beta)
+        covariance = JointCovariance((*solved.joint_covariance.parts, *self._covariance_parts(beta)))
         estimate = replace(
-            alone, method=name, joint_parameters=self.shared.parameters, streamed_covariance=covariance
+            solved, method=name, joint_parameters=self.shared.parameters, streamed_covariance=covariance
         )
         return replace(estimate, met=tuple(self._reasons(estimate, beta)))
 
-    def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
+    def _covariance_parts(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
         """Covariance by Soderstrom's weights, (J' S^-1 J)^-1 over the rows, and that of long memory."""
         Q, root = np.linalg.qr(self._slopes(beta))
         inverse = scipy.linalg.solve_triangular(root, np.eye(beta.size))
         yield CovariancePart("of_normal_series", inverse @ inverse.T / self.rows.response.size)
         if not any(noise.fractional for noise in self.shared.unknown):
             return
-        answers = scipy.linalg.solve_triangular(root, Q.T)
-        answers = scipy.linalg.solve_triangular(self.factor, answers.T, lower=True, trans=1)
+        mapping = scipy.linalg.solve_triangular(root, Q.T)
+        mapping = scipy.linalg.solve_triangular(self.factor, mapping.T, lower=True, trans=1)
         error = self.rows.response - self.rows.regressors @ beta[: self.rows.regressors.shape[1]]
-        matrix = long_memory_covariance(self.rows.instruments @ answers, error)
+        matrix = long_memory_covariance(self.rows.instruments @ mapping, error)
         yield CovariancePart("of_long_memory", matrix / self.rows.response.size**2)
 
     def _solved(self, beta: Float[np.ndarray, " k"]) -> Estimate:
-        """Linear equations at the least: slopes by the noises stand among what is compensated."""
+        """Linear equations at the minimum, with the slopes by the noises in the compensation."""
         added, slopes = self.shared.added(beta)
-        more = beta.size - self.rows.regressors.shape[1]
+        extra = beta.size - self.rows.regressors.shape[1]
         rows = Regression(
             self.rows.response,
-            np.pad(self.rows.regressors, ((0, 0), (0, more))),
+            np.pad(self.rows.regressors, ((0, 0), (0, extra))),
             self.rows.instruments,
             self.shared.parameters,
             instrument_noise=np.column_stack([slopes, slopes @ beta - added]),
@@ -389,9 +389,9 @@ class _MomentSearch:
                 )
                 remedy = "Excite with a coloured input, give more lags, or declare the noise of the input."
                 reasons.append(Reason(Status.REFUSED, sentence, remedy))
-        left = self._residual(beta)
-        degrees = left.size - beta.size
-        J = self.rows.response.size * float(left @ left)
+        residual = self._residual(beta)
+        degrees = residual.size - beta.size
+        J = self.rows.response.size * float(residual @ residual)
         if degrees > 0 and chi_square_tail(J, degrees) < CONTRADICTION:
             sentence = (
                 f"The equations contradict each other (J = {J:.3g} on {degrees} degrees of freedom): a "

@@ -56,13 +56,13 @@ class MomentRows:
         W = self.columns[:, [j + 1 for j in regressors]]
         Q = np.linalg.qr(W / np.linalg.norm(W, axis=0))[0]
         others = np.delete(np.arange(self.test_functions.shape[1]), [own_instruments[j] for j in regressors])
-        left = [j for j in range(len(self.parameters)) if j not in regressors]
-        kept = [0, *(j + 1 for j in left)]
-        psi, columns = self.test_functions[:, others], self.columns[:, kept]
+        remaining = [j for j in range(len(self.parameters)) if j not in regressors]
+        positions = [0, *(j + 1 for j in remaining)]
+        psi, columns = self.test_functions[:, others], self.columns[:, positions]
         for _ in range(2):  # once more, for what rounding leaves of a large mean
             psi, columns = psi - Q @ (Q.T @ psi), columns - Q @ (Q.T @ columns)
-        parameters = tuple(self.parameters[j] for j in left)
-        return MomentRows(parameters, psi, columns, self.noise[others][:, kept], self.layout)
+        parameters = tuple(self.parameters[j] for j in remaining)
+        return MomentRows(parameters, psi, columns, self.noise[others][:, positions], self.layout)
 
     def independent(self) -> MomentRows:
         """Equations recombined into orthonormal ones, without directions that are others' combinations."""
@@ -171,13 +171,13 @@ class AndersonRubinSet(_ConfidenceSets):
             return self.region.interval(name)
         return self._region_with(name).interval(name)
 
-    def _region_with(self, kept: str = "") -> ConfidenceRegion:
+    def _region_with(self, name: str = "") -> ConfidenceRegion:
         """Region with every exogenous regressor partialled out but `kept`; all, if there is no other."""
         names = [parameter.name for parameter in self.parameters]
-        gone = [j for j in self.rows.own_instruments() if names[j] != kept]
-        if len(gone) == len(names):
-            gone = []
-        rows = self.rows.without(gone).independent()
+        excluded = [j for j in self.rows.own_instruments() if names[j] != name]
+        if len(excluded) == len(names):
+            excluded = []
+        rows = self.rows.without(excluded).independent()
         return anderson_rubin.robust_region(rows.names, rows.scores(self.averages), self.level)
 
 

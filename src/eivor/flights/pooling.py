@@ -85,7 +85,7 @@ def bootstrap_flights(
         raise UsageError("a pool with an estimate", "one without", remedy)
     pool = pool_flights(fitted.problem, fitted.estimate)
     quantities = _quantities_of_draws(fit.motion, fitted.problem, pool)
-    whole, random, rows = quantities(pool.whole, np.ones(len(pool.flights))), np.random.default_rng(seed), []
+    whole, random, rows = quantities(pool.full, np.ones(len(pool.flights))), np.random.default_rng(seed), []
     for _ in range(runs):
         try:
             rows.append(list(quantities(*pool.replicate(random)).values()))
