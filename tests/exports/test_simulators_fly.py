@@ -30,10 +30,10 @@ from eivor.exports.vehicle import (
     REPLAY_STEP_S,
     by_quarters,
     coefficients,
+    delay_commands,
     describe,
-    held_back,
     manoeuvre,
-    replayed,
+    replay,
     rotors_of,
 )
 from eivor.motions.rigid_body.dynamics import body_derivative, speed_derivative
@@ -141,7 +141,7 @@ def of_lopsided(tmp_path, request):
     fit = ev.load_fit(documents.written(record(), tmp_path))
     made = describe(fit.fitted, Supplied(priors=LARGEST), "all", WITH_LARGEST)
     commands = manoeuvre(made, 30.0)
-    states = replayed(made, commands)
+    states = replay(made, commands)
     assert np.degrees(np.arccos(1.0 - 2.0 * (states[:, 7:9] ** 2).sum(axis=1)).max()) > 30.0
     assert np.abs(states[:, 10:13]).max() > 3.0
     return fit, made, commands, states
@@ -285,7 +285,7 @@ def held(made, commands, lacking):
     names = {name for row in rows if "alike" not in row for name in row["numbers"]}
     rest = {name: column for name, column in made.values.items() if name not in names}
     rest |= dict.fromkeys(names & set(EFFECTS["turning"]["numbers"]), np.zeros(1))
-    return replayed(replace(made, values=rest), commands)
+    return replay(replace(made, values=rest), commands)
 
 
 @pytest.mark.thorough  # of the extra `simulators`
@@ -390,7 +390,7 @@ def test_a_second_stage_and_a_lift_that_is_weak_are_said(lopsided, tmp_path):
     two = replace(
         vehicle, values={**vehicle.values, "second_lag": np.array([0.01]), "delay": np.array([0.007])}
     )
-    fast, late = held_back(
+    fast, late = delay_commands(
         two, np.vstack([np.tile(manoeuvre(two, 0.0)[0], (20, 1)), np.tile(commands[3], (400, 1))])
     )
     assert fast.values["actuator_lag"][0] == pytest.approx(0.058)
@@ -431,11 +431,11 @@ def test_a_frame_of_sitl_turns_as_what_it_holds(tmp_path):
     like_x = made.values | dict.fromkeys(("drag_y", "drag_z"), made.values["drag_x"])
     without = replace(made, values={name: x for name, x in like_x.items() if name != "actuator_lag"})
     commands[20:, 0] *= 1.02  # which yaws, too
-    states = replayed(without, commands, ("in_step", "coupling"))
+    states = replay(without, commands, ("in_step", "coupling"))
     assert np.degrees(np.arccos(1.0 - 2.0 * (states[:, 7:9] ** 2).sum(axis=1)).max()) > 30.0
     # motors 1 to 4: front right, rear left, front left, rear right
     turned = sitl_flown(frame, commands[:, [0, 2, 3, 1]] / 2500.0)
-    assert off(states, turned) < 0.5 * off(replayed(without, commands), turned)
+    assert off(states, turned) < 0.5 * off(replay(without, commands), turned)
 
 
 def test_a_lag_of_thrust_is_that_of_squared_speeds(tmp_path):
@@ -444,7 +444,7 @@ def test_a_lag_of_thrust_is_that_of_squared_speeds(tmp_path):
     known = Supplied(priors=given, vehicle=load_vehicle(documents.vehicle_file(tmp_path)))
     made = describe(fit.fitted, known, "all", WITH_LARGEST)
     commands = np.full((100, 4), 1.2 * rotors_of(made)["hover_speed"][0])
-    ends = [replayed(made, commands, lacking)[-1, 5] for lacking in ((), ("of_speed",))]
+    ends = [replay(made, commands, lacking)[-1, 5] for lacking in ((), ("of_speed",))]
     expected = [documents.climb(1.2, 0.5, lagged=lagged) for lagged in ("speed", "thrust")]
     assert np.diff(ends) == pytest.approx(np.diff(expected), rel=0.05)
 

@@ -27,7 +27,7 @@ class Autopilot(msgspec.Struct, frozen=True):
     not_of: tuple[str, ...]
 
 
-def _written(
+def _parameter_export(
     autopilot: Autopilot, write: Callable[[Iterable[str], Mapping[str, float]], str]
 ) -> Callable[[Fitted, Supplied], Exported]:
     """Export of the parameters of an autopilot that a result holds, old and new in comments above them."""
@@ -35,20 +35,20 @@ def _written(
     def export(fitted: Fitted, supplied: Supplied) -> Exported:
         supplied.check_only((), autopilot.name.lower(), body=False)
         fitted.check_vertical(autopilot.name)
-        _check_flown(fitted, autopilot)
-        numbers, reasons = _proposed(fitted, autopilot)
-        missing = tuple(f"{name} is not written: {reason}" for name, reason in reasons.items())
+        _check_autopilot(fitted, autopilot)
+        numbers, reasons = _proposals(fitted, autopilot)
+        unwritten = tuple(f"{name} is not written: {reason}" for name, reason in reasons.items())
         old = {name: f"{fitted.logged[name]:.6g} -> " for name in numbers if name in fitted.logged}
         lines = [f"{name}: {old.get(name, '')}{number.words}" for name, number in numbers.items()]
         values = {name: number.value for name, number in numbers.items()}
-        return Exported(write((*fitted.origin(), *lines, *missing), values), missing)
+        return Exported(write((*fitted.origin(), *lines, *unwritten), values), unwritten)
 
     return export
 
 
-def _check_flown(fitted: Fitted, autopilot: Autopilot) -> None:
+def _check_autopilot(fitted: Fitted, autopilot: Autopilot) -> None:
     """Refuse a flight of another autopilot, and a command that is no share."""
-    others = [f"format {item}" for item in fitted.formats if item in autopilot.not_of]
+    others = [f"format {log_format}" for log_format in fitted.formats if log_format in autopilot.not_of]
     if fitted.curve_in_force and autopilot.curve.name not in fitted.curve_in_force:
         others.append(f"a vehicle with {' and '.join(fitted.curve_in_force)}")
     if others:
@@ -67,7 +67,7 @@ def _check_flown(fitted: Fitted, autopilot: Autopilot) -> None:
         )
 
 
-def _proposed(fitted: Fitted, autopilot: Autopilot) -> tuple[dict[str, Number], dict[str, str]]:
+def _proposals(fitted: Fitted, autopilot: Autopilot) -> tuple[dict[str, Number], dict[str, str]]:
     """Curve and hover, hover where the curve in force stays, or neither; and why others are missing."""
     hover, curve = fitted.identified_number(HOVER), fitted.identified_number(CURVE)
     names = autopilot.hover.name, autopilot.curve.name
@@ -79,15 +79,15 @@ def _proposed(fitted: Fitted, autopilot: Autopilot) -> tuple[dict[str, Number], 
         return {}, dict.fromkeys(names, reason)
     if hover is None:
         return {}, dict.fromkeys(names, fitted.why_not(HOVER))
-    before = fitted.curve_side is CurveSide.BEFORE
-    reasons = list(_against(fitted, autopilot, curve))
+    before_curve = fitted.curve_side is CurveSide.BEFORE
+    reasons = list(_objections(fitted, autopilot, curve))
     if curve is not None and not reasons:
         share, thrust = vertical.proposed(
             autopilot.curve,
             vertical.family_of(fitted.input_map),
             (curve.value, curve.interval),
             (hover.value, hover.interval),
-            fitted.curve_in_force[autopilot.curve.name] if before else None,
+            fitted.curve_in_force[autopilot.curve.name] if before_curve else None,
         )
         beyond = autopilot.hover.beyond(thrust)
         beyond = autopilot.curve.beyond(share) or (beyond and f"it goes with {names[0]}, and {beyond}")
@@ -96,15 +96,15 @@ def _proposed(fitted: Fitted, autopilot: Autopilot) -> tuple[dict[str, Number], 
             return dict(zip(names, (Number(*thrust, source), Number(*share, source)), strict=True)), {}
         reasons = [beyond]
     sentence = " ".join(reasons)
-    if not before:
-        together = f"of motor signals, hover and curve are written together or not at all: {sentence}"
-        return {}, dict.fromkeys(names, together)
+    if not before_curve:
+        joint_reason = f"of motor signals, hover and curve are written together or not at all: {sentence}"
+        return {}, dict.fromkeys(names, joint_reason)
     beyond = autopilot.hover.beyond((hover.value, hover.interval))
-    missing = ({names[0]: beyond} if beyond else {}) | {names[1]: f"{sentence} The value in force stays."}
-    return ({} if beyond else {names[0]: hover}), missing
+    unwritten = ({names[0]: beyond} if beyond else {}) | {names[1]: f"{sentence} The value in force stays."}
+    return ({} if beyond else {names[0]: hover}), unwritten
 
 
-def _against(fitted: Fitted, autopilot: Autopilot, curve: Number | None) -> Iterator[str]:
+def _objections(fitted: Fitted, autopilot: Autopilot, curve: Number | None) -> Iterator[str]:
     """Why no curve can be proposed, whatever its value."""
     if curve is None:
         yield fitted.why_not(CURVE)
@@ -179,13 +179,13 @@ def parameter_changes(fitted: Fitted, logged: Mapping[str, float]) -> tuple[Para
     for autopilot in (PX4, ARDUPILOT):
         if set(fitted.formats) & set(autopilot.not_of):
             continue
-        numbers, reasons = _proposed(fitted, autopilot)
-        before = fitted.curve_side is CurveSide.BEFORE and hover.verdict in (Status.IDENTIFIED, Status.WEAK)
+        numbers, reasons = _proposals(fitted, autopilot)
+        usable = fitted.curve_side is CurveSide.BEFORE and hover.verdict in (Status.IDENTIFIED, Status.WEAK)
         for parameter, quantity in ((autopilot.hover, HOVER), (autopilot.curve, CURVE)):
             name = parameter.name
             if name in logged and quantity in fitted.quantities:
                 new = numbers.get(name)
-                estimate = Number(hover.value, hover.interval) if before and quantity == HOVER else new
+                estimate = Number(hover.value, hover.interval) if usable and quantity == HOVER else new
                 missing = reasons.get(name, "") if fitted.is_identified(quantity) else ""
                 changes.append(ParameterChange(parameter, quantity, logged[name], new, estimate, missing))
     return tuple(changes)
@@ -215,11 +215,11 @@ def _betaflight(fitted: Fitted, supplied: Supplied) -> Exported:
         )
     curve = fitted.identified_number(CURVE)
     if curve is None:
-        missing = f"thrust_linear is not written: {fitted.why_not(CURVE)} Identify with --input-map fit."
-        return Exported("\n".join(hash_comments((*fitted.origin(), missing))) + "\n", (missing,))
+        unwritten = f"thrust_linear is not written: {fitted.why_not(CURVE)} Identify with --input-map fit."
+        return Exported("\n".join(hash_comments((*fitted.origin(), unwritten))) + "\n", (unwritten,))
     family = Mixed if isinstance(fitted.input_map, Mixed) else Power
     low, value, high = (
-        thrust_linear(family(item)) for item in (curve.interval[0], curve.value, curve.interval[1])
+        thrust_linear(family(exponent)) for exponent in (curve.interval[0], curve.value, curve.interval[1])
     )
     line = f"thrust_linear: {value}, 95 % interval [{low}, {high}], of the curve {curve.words}"
     text = [*hash_comments((*fitted.origin(), line)), f"set thrust_linear = {value}", "save"]
@@ -231,13 +231,13 @@ AUTOPILOTS = (
         "px4",
         "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC",
         ".params",
-        _written(PX4, qgroundcontrol),
+        _parameter_export(PX4, qgroundcontrol),
     ),
     Target(
         "ardupilot",
         "ArduPilot parameters (.param): MOT_THST_HOVER, MOT_THST_EXPO",
         ".param",
-        _written(ARDUPILOT, mission_planner),
+        _parameter_export(ARDUPILOT, mission_planner),
     ),
     Target("betaflight", "a line of Betaflight's command line (.txt): thrust_linear", ".txt", _betaflight),
 )

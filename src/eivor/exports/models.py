@@ -63,10 +63,10 @@ def state_space(fitted: Fitted, supplied: Supplied, speed_m_s: float = 0.0) -> S
             "a result of the rigid body, for flight along x", f"one of {fitted.model}", "Leave the speed out."
         )
     if fitted.model == RATES:
-        return _of_rates(fitted, supplied)
+        return _rates_space(fitted, supplied)
     if fitted.machine is not None:
-        return _at_rest(_MachineEquations.of(fitted.machine, fitted, supplied, "a state space"))
-    numbers = _of_vertical(fitted, supplied, "a state space")
+        return _about_rest(_MachineEquations.of(fitted.machine, fitted, supplied, "a state space"))
+    numbers = _vertical_numbers(fitted, supplied, "a state space")
     friction, gain, hover = (numbers[name].value for name in NEEDED)
     lag, delay = (numbers[name].value if name in numbers else 0.0 for name in LAGS)
     slope = gain * fitted.input_map.slope(hover)
@@ -79,14 +79,14 @@ def state_space(fitted: Fitted, supplied: Supplied, speed_m_s: float = 0.0) -> S
     return StateSpace(A, B, C, np.zeros((1, 1)), states, (fitted.input,), outputs, delay, numbers)
 
 
-def _of_vertical(fitted: Fitted, supplied: Supplied, target: str) -> dict[str, Number]:
+def _vertical_numbers(fitted: Fitted, supplied: Supplied, target: str) -> dict[str, Number]:
     """Numbers of the vertical motion; an input that was measured has no lag."""
     fitted.check_vertical(target)
     supplied.check_only((*NEEDED, *LAGS), target, body=False)
     return fitted.needed(NEEDED if fitted.input_measured else (*NEEDED, *LAGS), supplied, target)
 
 
-def _of_rates(fitted: Fitted, supplied: Supplied) -> StateSpace:
+def _rates_space(fitted: Fitted, supplied: Supplied) -> StateSpace:
     """Rates by torque setpoints: each axis has a state of its actuators and one of its rate."""
     priors = (*LAGS, *(f"{axis}_{kind}" for axis in TURNING for kind in KINDS))
     supplied.check_only(priors, "a state space", body=False)
@@ -95,21 +95,21 @@ def _of_rates(fitted: Fitted, supplied: Supplied) -> StateSpace:
         fitted.needed([f"{axis}_effectiveness" for axis in TURNING], supplied, "a state space")
     names = (*LAGS, *(f"{axis}_{kind}" for axis in axes for kind in KINDS))
     numbers = fitted.needed(names, supplied, "a state space")
-    whole, second = max(numbers["actuator_lag"].value, 1e-6), fitted.identified_number("second_lag")
-    lags = [whole] if second is None or not second.value > 0.0 else [whole - second.value, second.value]
+    total, second = max(numbers["actuator_lag"].value, 1e-6), fitted.identified_number("second_lag")
+    lags = [total] if second is None or not second.value > 0.0 else [total - second.value, second.value]
     n, stages = len(axes), len(lags)
     AB = np.zeros(((stages + 1) * n, (stages + 2) * n))  # Columns of the inputs last
     for row, axis in enumerate(axes):
         gain, damping = (numbers[f"{axis}_{kind}"].value for kind in KINDS)
         reaction = fitted.identified_number(f"{axis}_reaction")
         jump = 0.0 if reaction is None else reaction.value / lags[-1]
-        before = (stages + 1) * n + row
+        source = (stages + 1) * n + row
         for stage, lag in enumerate(lags):
             state = stage * n + row
-            AB[state, state], AB[state, before] = -1.0 / lag, 1.0 / lag
-            last, before = before, state
+            AB[state, state], AB[state, source] = -1.0 / lag, 1.0 / lag
+            previous, source = source, state
         rate = stages * n + row
-        AB[rate, before], AB[rate, rate], AB[rate, last] = gain - jump, -damping, jump
+        AB[rate, source], AB[rate, rate], AB[rate, previous] = gain - jump, -damping, jump
     A, B = np.split(AB, [(stages + 1) * n], axis=1)
     C = np.hstack([np.zeros((n, stages * n)), np.eye(n)])
     rates = tuple(f"angular_rate_{TURNING[axis]}" for axis in axes)
@@ -126,34 +126,32 @@ STEP, TRIMMED = 1e-5, 1e-6
 FORWARD_M_S = 5.0
 
 
-def _slopes(
-    change: Callable[[Float[np.ndarray, " m"]], Float[np.ndarray, " n"]],
-    at: Float[np.ndarray, " m"],
+def _jacobian(
+    f: Callable[[Float[np.ndarray, " m"]], Float[np.ndarray, " n"]],
+    x: Float[np.ndarray, " m"],
     sizes: Float[np.ndarray, " m"],
 ) -> Float[np.ndarray, "n m"]:
-    return np.stack(
-        [(change(at + step) - change(at - step)) / (2.0 * step.sum()) for step in np.diag(sizes)], axis=1
-    )
+    return np.stack([(f(x + step) - f(x - step)) / (2.0 * step.sum()) for step in np.diag(sizes)], axis=1)
 
 
-def linearised(made: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
+def linearised(craft: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
     """Linear equations of the first vehicle about steady flight along x."""
     from scipy.optimize import root
 
-    c, count = vehicle.coefficients(made), made.vehicle.count
-    hover = vehicle.manoeuvre(made, 0.0)[0]
-    effect = np.linalg.pinv(vehicle.turns(made)) * made.values["mass"][0] * GRAVITY / c.thrust_quadratic
+    c, count, mass = vehicle.coefficients(craft), craft.vehicle.count, craft.values["mass"][0]
+    hover = vehicle.manoeuvre(craft, 0.0)[0]
+    squares = np.linalg.pinv(vehicle.mixing_matrix(craft)) * mass * GRAVITY / c.thrust_quadratic
 
     def speeds(shares: Float[np.ndarray, " 4"]) -> Float[np.ndarray, " rotors"]:
-        return np.sqrt(np.maximum(hover**2 + effect @ shares, 1e-12))
+        return np.sqrt(np.maximum(hover**2 + squares @ shares, 1e-12))
 
-    def unsteady(trim: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 6"]:
+    def trim_residual(trim: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 6"]:
         state = np.array([speed_m_s, 0.0, 0.0, *trim[:2], *[0.0] * 4, *speeds(trim[2:])])
-        change = _change(c, state, state[9:])
-        return np.concatenate([change[:3], change[6:9]])
+        derivative = _state_dot(c, state, state[9:])
+        return np.concatenate([derivative[:3], derivative[6:9]])
 
-    trim = root(unsteady, np.zeros(6), tol=1e-12).x
-    if not np.abs(unsteady(trim)).max() < TRIMMED:
+    trim = root(trim_residual, np.zeros(6), tol=1e-12).x
+    if not np.abs(trim_residual(trim)).max() < TRIMMED:
         raise EstimationError(
             f"a vehicle that flies steadily at {speed_m_s:g} m/s",
             "equations that it cannot hold",
@@ -161,26 +159,26 @@ def linearised(made: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
         )
     state = np.array([speed_m_s, 0.0, 0.0, *trim[:2], *[0.0] * 4, *speeds(trim[2:])])
     sizes = STEP * np.array([*[1.0] * 9, *state[9:]])
-    A = _slopes(lambda at: _change(c, at, state[9:]), state, sizes)
+    A = _jacobian(lambda point: _state_dot(c, point, state[9:]), state, sizes)
     B = np.zeros((state.size, count))
     B[9:] = 0.5 * (c.rate_up + c.rate_down) * np.eye(count)
     C = np.eye(9, state.size)
     inputs = tuple(f"rotor_command_{number}" for number in range(1, count + 1))
     states = (*STATES, *(f"rotor_speed_{number}" for number in range(1, count + 1)))
-    delay = float(made.values["delay"][0]) if "delay" in made.values else 0.0
+    delay = float(craft.values["delay"][0]) if "delay" in craft.values else 0.0
     return StateSpace(A, B, C, np.zeros((9, count)), states, inputs, STATES, delay)
 
 
-def _change(c: Coefficients, state: Float[np.ndarray, " n"], command: Float[np.ndarray, " rotors"]) -> Any:
+def _state_dot(c: Coefficients, state: Float[np.ndarray, " n"], command: Float[np.ndarray, " rotors"]) -> Any:
     """Change of velocity, roll, pitch, yaw, rates and rotor speeds."""
     (roll, pitch, _), (p, q, r), speeds = state[3:6], state[6:9], state[9:].tolist()
     still, attitude = (0.0, 0.0, 0.0), quaternions(state[None, 3:6])[0]
     body = [*still, *state[:3].tolist(), *attitude.tolist(), float(p), float(q), float(r)]
     spin_up = speed_derivative(c, speeds, command.tolist())
-    change = body_derivative(c, body, speeds, spin_up, still, still)
-    across = q * np.sin(roll) + r * np.cos(roll)
-    angles = (p + across * np.tan(pitch), q * np.cos(roll) - r * np.sin(roll), across / np.cos(pitch))
-    return np.array([*change[3:6], *angles, *change[10:13], *spin_up], dtype=np.float64)
+    rates = body_derivative(c, body, speeds, spin_up, still, still)
+    transverse = q * np.sin(roll) + r * np.cos(roll)
+    angles = (p + transverse * np.tan(pitch), q * np.cos(roll) - r * np.sin(roll), transverse / np.cos(pitch))
+    return np.array([*rates[3:6], *angles, *rates[10:13], *spin_up], dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -203,36 +201,36 @@ class _MachineEquations:
         states = [name for equation in equations for name in equation.lower]
         inputs = [c.name for c in machine.logged if c.role in ("input", "state") and c.name not in states]
         lag_s = numbers["actuator_lag"].value if machine.has_lag else 0.0
-        behind = {name for e in equations for _, item, late in e.terms if late for name in item.columns}
-        acting = [name for name in inputs if name in behind and lag_s > 0.0]
+        lagged = {name for e in equations for _, item, is_late in e.terms if is_late for name in item.columns}
+        acting = [name for name in inputs if name in lagged and lag_s > 0.0]
         return cls(numbers, equations, states, acting, inputs, lag_s)
 
-    def change(self, x: Float[np.ndarray, " n"], u: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+    def derivative(self, x: Float[np.ndarray, " n"], u: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
         acting = dict(zip(self.acting, x[len(self.states) :], strict=True))
-        known: dict[str, Any] = dict(
+        signals: dict[str, Any] = dict(
             zip([*self.states, *self.inputs], [*x[: len(self.states)], *u], strict=True)
         )
         for equation in self.equations:
-            known[equation.solved] = equation.derivative(known, acting, 0.0)
-        of_lags = [(known[name] - value) / self.lag_s for name, value in acting.items()]
-        return np.array([*(known[f"{name}'"] for name in self.states), *of_lags], dtype=np.float64)
+            signals[equation.solved] = equation.derivative(signals, acting, 0.0)
+        lag_rates = [(signals[name] - value) / self.lag_s for name, value in acting.items()]
+        return np.array([*(signals[f"{name}'"] for name in self.states), *lag_rates], dtype=np.float64)
 
     def formulas(self) -> dict[str, Any]:
         """The same for CasADi: of each equation what is zero where its highest derivative is right."""
         names = {name: f"x[{row}]" for row, name in enumerate([*self.states, *self.acting])}
-        late = {name: names.pop(name) for name in self.acting}
+        actuators = {name: names.pop(name) for name in self.acting}
         names |= {name: f"u[{row}]" for row, name in enumerate(self.inputs)}
         balances: list[str] = []
         for number, equation in enumerate(self.equations, 1):
             names[equation.solved] = "highest"
             parts = [
-                f"- {value!r} * {_formula(item, names | late if behind else names)}"
-                for value, item, behind in equation.terms
+                f"- {value!r} * {_formula(expression, names | actuators if is_late else names)}"
+                for value, expression, is_late in equation.terms
             ]
             balances.append(" ".join([_formula(equation.response, names), *parts]))
             names[equation.solved] = f"solved_{number}"
-        of_lags = [f"({names[name]} - {late[name]}) / {self.lag_s!r}" for name in self.acting]
-        return {"balances": balances, "xdot": [*(names[f"{name}'"] for name in self.states), *of_lags]}
+        lag_rates = [f"({names[name]} - {actuators[name]}) / {self.lag_s!r}" for name in self.acting]
+        return {"balances": balances, "xdot": [*(names[f"{name}'"] for name in self.states), *lag_rates]}
 
 
 #: CasADi's words for functions that are called otherwise there.
@@ -270,12 +268,11 @@ def _formula(expression: Expression, names: dict[str, str]) -> str:
     return stack.pop()
 
 
-def _at_rest(made: _MachineEquations) -> StateSpace:
-    n, m = len(made.states) + len(made.acting), len(made.inputs)
-
-    rest = np.zeros(n + m)
+def _about_rest(machine: _MachineEquations) -> StateSpace:
+    n, m = len(machine.states) + len(machine.acting), len(machine.inputs)
+    origin = np.zeros(n + m)
     AB, closer = (
-        _slopes(lambda z: made.change(z[:n], z[n:]), rest, np.full(n + m, size))
+        _jacobian(lambda z: machine.derivative(z[:n], z[n:]), origin, np.full(n + m, size))
         for size in (STEP, 0.1 * STEP)
     )
     if not np.allclose(AB, closer, rtol=1e-3, atol=1e-6):
@@ -284,60 +281,60 @@ def _at_rest(made: _MachineEquations) -> StateSpace:
             "terms that jump there, such as dry friction",
             "Write the whole equations: --to casadi.",
         )
-    states = (*made.states, *(f"{name}_behind" for name in made.acting))
-    outputs, late = tuple(made.states), made.numbers.get("delay")
-    C, D = np.eye(len(outputs), n), np.zeros((len(outputs), m))
+    states = (*machine.states, *(f"{name}_behind" for name in machine.acting))
+    outputs, late = tuple(machine.states), machine.numbers.get("delay")
+    C, D, inputs = np.eye(len(outputs), n), np.zeros((len(outputs), m)), tuple(machine.inputs)
     delay_s = 0.0 if late is None else late.value
-    return StateSpace(AB[:, :n], AB[:, n:], C, D, states, tuple(made.inputs), outputs, delay_s, made.numbers)
+    return StateSpace(AB[:, :n], AB[:, n:], C, D, states, inputs, outputs, delay_s, machine.numbers)
 
 
-def _document(comments: Iterable[str], made: StateSpace, **parts: object) -> str:
+def _document(comments: Iterable[str], space: StateSpace, **parts: object) -> str:
     document = {
         "schema": "eivor.statespace/1",
         "comments": [one_line(line) for line in comments],
-        **{name: getattr(made, name).tolist() for name in "ABCD"},
-        "states": made.states,
-        "inputs": made.inputs,
-        "outputs": made.outputs,
-        "delay_s": made.delay_s,
-        "numbers": {name: asdict(number) for name, number in made.numbers.items()},
+        **{name: getattr(space, name).tolist() for name in "ABCD"},
+        "states": space.states,
+        "inputs": space.inputs,
+        "outputs": space.outputs,
+        "delay_s": space.delay_s,
+        "numbers": {name: asdict(number) for name, number in space.numbers.items()},
     }
     return json.dumps(document | parts, indent=2) + "\n"
 
 
 def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
     if fitted.model != vehicle.RIGID_BODY:
-        return _lesser_document(fitted, state_space(fitted, supplied))
-    made = vehicle.describe(fitted, supplied, "a state space", vehicle.BODY)
-    hover, forward = linearised(made), linearised(made, FORWARD_M_S)
+        return _reduced_document(fitted, state_space(fitted, supplied))
+    craft = vehicle.describe(fitted, supplied, "a state space", vehicle.BODY)
+    hover, forward = linearised(craft), linearised(craft, FORWARD_M_S)
     parts = {"A": forward.A.tolist(), "B": forward.B.tolist(), "speed_m_s": FORWARD_M_S}
     remark = f"A and B are about hover; forward has those about flight along x at {FORWARD_M_S:g} m/s."
-    comments = (*made.comments, *vehicle.speed_comments(made, "a state space"), remark)
-    return Exported(_document(comments, hover, forward=parts), made.omitted, made.lost)
+    comments = (*craft.comments, *vehicle.speed_comments(craft, "a state space"), remark)
+    return Exported(_document(comments, hover, forward=parts), craft.omitted, craft.lost)
 
 
-def _lesser_document(fitted: Fitted, made: StateSpace) -> Exported:
+def _reduced_document(fitted: Fitted, space: StateSpace) -> Exported:
     """Of a motion that is no rigid body, with what is identified and not among its numbers."""
-    lacking = (
+    left_over = (
         {"input_gain", "thrust_gain"} if fitted.model == RATES else {"quadratic_drag", *vehicle.ELSEWHERE}
     )
-    lost = tuple(fitted.left_over("a state space", lacking))
+    lost = tuple(fitted.left_over("a state space", left_over))
     axes = [f"{axis}_effectiveness" for axis in TURNING if fitted.model == RATES]
-    absent = [name for name in axes if name in fitted.quantities and name not in made.numbers]
+    absent = [name for name in axes if name in fitted.quantities and name not in space.numbers]
     omitted = (f"Not written: {fitted.why_not(*absent)}",) if absent else ()
-    return Exported(_document((*fitted.origin(made.numbers), *omitted, *lost), made), omitted, lost)
+    return Exported(_document((*fitted.origin(space.numbers), *omitted, *lost), space), omitted, lost)
 
 
 def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """A, B and delay of each draw about hover, of six axes also A and B about forward flight."""
     if fitted.model == vehicle.RIGID_BODY:
-        drawn = vehicle.describe(fitted, supplied, "a state space", vehicle.BODY, draws, seed)
-        each = [
-            replace(drawn, values={name: column[[row]] for name, column in drawn.values.items()})
-            for row in range(drawn.values["mass"].size)
+        sample = vehicle.describe(fitted, supplied, "a state space", vehicle.BODY, draws, seed)
+        vehicles = [
+            replace(sample, values={name: column[[row]] for name, column in sample.values.items()})
+            for row in range(sample.values["mass"].size)
         ]
-        spaces = [linearised(item) for item in each]
-        further = {"forward": _arrays([linearised(item, FORWARD_M_S) for item in each])}
+        spaces = [linearised(item) for item in vehicles]
+        further = {"forward": _arrays([linearised(item, FORWARD_M_S) for item in vehicles])}
     else:
         spaces, further = [], {}
         for row in range(next(iter(draws.values())).size):
@@ -350,11 +347,11 @@ def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed:
                 hover = fitted.input_map.inverse(GRAVITY / values["input_gain"])
                 quantities["hover_input"] = replace(quantities["hover_input"], value=hover)
             spaces.append(state_space(replace(fitted, quantities=quantities), supplied))
-    made = _state_space_document(fitted, supplied)
-    document = json.loads(made.text)
+    nominal = _state_space_document(fitted, supplied)
+    document = json.loads(nominal.text)
     document["comments"].insert(0, one_line(vehicle.JOINT))
     document["draws"] = {**_arrays(spaces), "delay_s": [item.delay_s for item in spaces], **further}
-    return replace(made, text=json.dumps(document) + "\n")
+    return replace(nominal, text=json.dumps(document) + "\n")
 
 
 def _arrays(spaces: Iterable[StateSpace]) -> dict[str, Any]:
@@ -363,9 +360,9 @@ def _arrays(spaces: Iterable[StateSpace]) -> dict[str, Any]:
 
 def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
     if fitted.model == vehicle.RIGID_BODY:
-        made = vehicle.describe(fitted, supplied, "CasADi", vehicle.BODY)
-        comments = hash_comments((*made.comments, *vehicle.speed_comments(made, "CasADi")))
-        return vehicle.filled("casadi.txt", made, comments, c=asdict(vehicle.coefficients(made)))
+        craft = vehicle.describe(fitted, supplied, "CasADi", vehicle.BODY)
+        comments = hash_comments((*craft.comments, *vehicle.speed_comments(craft, "CasADi")))
+        return vehicle.render("casadi.txt", craft, comments, c=asdict(vehicle.coefficients(craft)))
     if fitted.machine is not None:
         equations = _MachineEquations.of(fitted.machine, fitted, supplied, "CasADi")
         delay = equations.numbers.get("delay")
@@ -374,12 +371,12 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         remark = f"x: {', '.join(states)}; u: {', '.join(equations.inputs)}{late}."
         comments = hash_comments((*fitted.origin(equations.numbers), remark))
         sizes = len(states), len(equations.inputs)
-        return vehicle.filled("casadi.txt", None, comments, machine=equations.formulas(), sizes=sizes)
-    known = _of_vertical(fitted, supplied, "CasADi")
+        return vehicle.render("casadi.txt", None, comments, machine=equations.formulas(), sizes=sizes)
+    identified = _vertical_numbers(fitted, supplied, "CasADi")
     drag = fitted.identified_number("quadratic_drag")
     if drag is not None:
-        known["quadratic_drag"] = drag
-    numbers = {name: number.value for name, number in known.items()}
+        identified["quadratic_drag"] = drag
+    numbers = {name: number.value for name, number in identified.items()}
     match fitted.input_map:
         case Mixed(share):
             curve = f"{1.0 - share!r} * state + {share!r} * state**2"
@@ -391,8 +388,8 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         "gravity": numbers["input_gain"] * float(fitted.input_map(np.array([numbers["hover_input"]]))[0]),
     }
     lost = tuple(fitted.left_over("CasADi's function", vehicle.ELSEWHERE))
-    comments = hash_comments((*fitted.origin(known), *lost))
-    return replace(vehicle.filled("casadi.txt", None, comments, vertical=vertical), lost=lost)
+    comments = hash_comments((*fitted.origin(identified), *lost))
+    return replace(vehicle.render("casadi.txt", None, comments, vertical=vertical), lost=lost)
 
 
 #: Longest name of a field in MATLAB.
@@ -411,17 +408,17 @@ def _matlab(fitted: Fitted, supplied: Supplied) -> Exported:
     supplied.check_only((), "matlab", body=False)
     from scipy.io import savemat
 
-    known = {name: fitted.is_identified(name) for name in fitted.quantities}
-    if not any(known.values()):
-        raise NotIdentifiedError("a quantity that is identified", "none", fitted.why_not(*known))
+    identified = {name: fitted.is_identified(name) for name in fitted.quantities}
+    if not any(identified.values()):
+        raise NotIdentifiedError("a quantity that is identified", "none", fitted.why_not(*identified))
     joint, nothing = fitted.joint, np.full(2, np.nan)
-    kept = np.array([known.get(name, False) for name in fitted.names], dtype=bool)
+    rows = np.array([identified.get(name, False) for name in fitted.names], dtype=bool)
     content = {
         "quantities": {
             _field(name, row): {
-                "value": item.value if known[name] else np.nan,
-                "std_error": item.std_error if known[name] else np.nan,
-                "interval": np.array(item.interval) if known[name] else nothing,
+                "value": item.value if identified[name] else np.nan,
+                "std_error": item.std_error if identified[name] else np.nan,
+                "interval": np.array(item.interval) if identified[name] else nothing,
                 "unit": one_line(item.unit),
                 "verdict": item.verdict.value,
             }
@@ -430,13 +427,13 @@ def _matlab(fitted: Fitted, supplied: Supplied) -> Exported:
         "names": np.array([one_line(name) for name in fitted.names], dtype=object),
         "covariance": []
         if joint is None
-        else np.where(np.outer(kept, kept), joint.covariance.matrix, np.nan),
+        else np.where(np.outer(rows, rows), joint.covariance.matrix, np.nan),
         "model": one_line(fitted.model),
         "origin": np.array([one_line(line) for line in fitted.origin()], dtype=object),
     }
     buffer = io.BytesIO()
     savemat(buffer, {"fit": content}, long_field_names=True, oned_as="column")
-    missing = [name for name, is_known in known.items() if not is_known]
+    missing = [name for name, is_known in identified.items() if not is_known]
     return Exported(buffer.getvalue(), (f"NaN in the file: {fitted.why_not(*missing)}",) if missing else ())
 
 

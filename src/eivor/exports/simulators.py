@@ -28,20 +28,21 @@ PER_MINUTE = 2.0 * math.pi / 60.0
 WITH_LARGEST = (*vehicle.BODY, "largest_command")
 
 
-def _described(
+def _describe(
     fitted: Fitted, supplied: Supplied, target: str, gravity: float, needs: tuple[str, ...] = WITH_LARGEST
 ) -> tuple[VehicleDescription, dict[str, float], dict[str, float], tuple[str, ...]]:
     """A vehicle, numbers of its first row, those of its rotors, and comments."""
-    made = vehicle.describe(fitted, supplied, target, needs)
-    comments = (*made.comments, *vehicle.speed_comments(made, target, gravity))
-    return made, vehicle.first(made.values), vehicle.first(vehicle.rotors_of(made, gravity)), comments
+    craft = vehicle.describe(fitted, supplied, target, needs)
+    comments = (*craft.comments, *vehicle.speed_comments(craft, target, gravity))
+    value, rotor = vehicle.first_row(craft.values), vehicle.first_row(vehicle.rotors_of(craft, gravity))
+    return craft, value, rotor, comments
 
 
 def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
     """Parameters, and the dynamics with what the parameters cannot hold as a disturbance."""
-    made, value, rotor, comments = _described(fitted, supplied, "drone-models", GRAVITY, vehicle.BODY)
-    rate, arm = 1.0 / value["actuator_lag"], value["arm_scale"] * made.vehicle.arm
-    at = vehicle.places(made)[0]
+    craft, value, rotor, comments = _describe(fitted, supplied, "drone-models", GRAVITY, vehicle.BODY)
+    rate, arm = 1.0 / value["actuator_lag"], value["arm_scale"] * craft.vehicle.arm
+    positions = vehicle.rotor_positions(craft)[0]
     rows = {
         "gravity_vec": [0.0, 0.0, -GRAVITY],
         "mass": value["mass"],
@@ -51,15 +52,15 @@ def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
         "rpm2torque": [0.0, 0.0, rotor["torque_constant"] * PER_MINUTE**2],
         "rotor_dyn_coef": [rate, 0.0, rate, 0.0],
         "mixing_matrix": [
-            (at[:, 1] / arm).tolist(),
-            (0.0 - at[:, 0] / arm).tolist(),
-            [float(spin) for spin in made.vehicle.spins],
+            (positions[:, 1] / arm).tolist(),
+            (0.0 - positions[:, 0] / arm).tolist(),
+            [float(spin) for spin in craft.vehicle.spins],
         ],
         "drag_matrix": np.diag([0.0 - value.get(name, 0.0) for name in vehicle.DRAGS]).tolist(),
         "prop_inertia": value.get("rotor_inertia", 0.0),
     }
-    return vehicle.filled(
-        "drone-models.txt", made, hash_comments(comments), rows=rows, c=asdict(vehicle.coefficients(made))
+    return vehicle.render(
+        "drone-models.txt", craft, hash_comments(comments), rows=rows, c=asdict(vehicle.coefficients(craft))
     )
 
 
@@ -73,29 +74,29 @@ SLOWDOWN = 10.0
 
 def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Commands are rotor speeds on the topic command/motor_speed."""
-    made, value, rotor, comments = _described(fitted, supplied, "Gazebo", GAZEBO_GRAVITY)
+    craft, value, rotor, comments = _describe(fitted, supplied, "Gazebo", GAZEBO_GRAVITY)
     mass, arm = value["mass"], value["arm_scale"]
-    each, rest = ROTOR_SHARE * mass, mass * (1.0 - made.vehicle.count * ROTOR_SHARE)
-    radius = made.vehicle.rotor_radius or 0.5 * arm * made.vehicle.arm
-    disc = each * radius**2 * np.diag([0.25, 0.25, 0.5])
+    rotor_mass, body_mass = ROTOR_SHARE * mass, mass * (1.0 - craft.vehicle.count * ROTOR_SHARE)
+    radius = craft.vehicle.rotor_radius or 0.5 * arm * craft.vehicle.arm
+    disc = rotor_mass * radius**2 * np.diag([0.25, 0.25, 0.5])
     if "rotor_inertia" in value:
         disc = SLOWDOWN * value["rotor_inertia"] * np.diag([0.5, 0.5, 1.0])
     # the body without its rotors, about its own centre of mass
-    at = _high(made)[0]
-    whole = np.array([*(value.get(name, 0.0) for name in vehicle.CENTRE), -value.get(vehicle.HEIGHT, 0.0)])
-    centre = 0.0 - each * at.sum(axis=0) / rest
-    inertia = np.diag([value[name] for name in vehicle.INERTIAS]) - rest * _of_point(centre)
-    inertia -= sum(disc + each * _of_point(point) for point in at)
-    return vehicle.filled(
+    positions = _rotor_positions(craft)[0]
+    com = np.array([*(value.get(name, 0.0) for name in vehicle.CENTRE), -value.get(vehicle.HEIGHT, 0.0)])
+    centre = 0.0 - rotor_mass * positions.sum(axis=0) / body_mass
+    inertia = np.diag([value[name] for name in vehicle.INERTIAS]) - body_mass * _point_inertia(centre)
+    inertia -= sum(disc + rotor_mass * _point_inertia(point) for point in positions)
+    return vehicle.render(
         "gazebo.sdf",
-        made,
+        craft,
         xml_comments(comments),
         motor=_motor(value, rotor),
-        rest=rest,
-        each=each,
-        centre=(whole + centre).tolist(),
+        rest=body_mass,
+        each=rotor_mass,
+        centre=(com + centre).tolist(),
         slowdown=SLOWDOWN,
-        size=arm * made.vehicle.arm,
+        size=arm * craft.vehicle.arm,
         radius=radius,
         disc=disc.tolist(),
         inertia=inertia.tolist(),
@@ -103,7 +104,7 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
 
 
 def _motor(value: Mapping[str, float], rotor: Mapping[str, float]) -> dict[str, float]:
-    lag_up, lag_down = vehicle.up_and_down(value["actuator_lag"], value)
+    lag_up, lag_down = vehicle.rotor_lags(value["actuator_lag"], value)
     return {
         "timeConstantUp": lag_up,
         "timeConstantDown": lag_down,
@@ -116,7 +117,7 @@ def _motor(value: Mapping[str, float], rotor: Mapping[str, float]) -> dict[str, 
 
 def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Elements to put into an existing model of PX4, whose geometry stays."""
-    made, value, rotor, comments = _described(fitted, supplied, "a model of PX4", GAZEBO_GRAVITY)
+    craft, value, rotor, comments = _describe(fitted, supplied, "a model of PX4", GAZEBO_GRAVITY)
     inertial = {"mass": value["mass"], **{f"i{name[-2:]}": value[name] for name in vehicle.INERTIAS}}
     remark = (
         "Replace elements of these names: motor in each MulticopterMotorModel, inertial of the vehicle. The "
@@ -124,13 +125,13 @@ def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     )
     lines = xml_comments((*comments, remark, OUTPUTS.format(rotor["largest_speed"])))
     for tag, rows in (("motor", _motor(value, rotor)), ("inertial", inertial)):
-        inside = (f"  <{name}>{number}</{name}>" for name, number in rows.items())
-        lines += [f"<{tag}>", *inside, f"</{tag}>"]
+        elements = (f"  <{name}>{number}</{name}>" for name, number in rows.items())
+        lines += [f"<{tag}>", *elements, f"</{tag}>"]
     text = "\n".join(["<patch>", *lines, "</patch>"]) + "\n"
-    return Exported(text, made.omitted, made.lost)
+    return Exported(text, craft.omitted, craft.lost)
 
 
-def _of_point(point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+def _point_inertia(point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     """Inertia of a point of one kilogram about the origin."""
     return np.asarray(point @ point * np.eye(3) - np.outer(point, point))
 
@@ -142,9 +143,9 @@ ISAAC_LAB_CLAMPS = "Isaac Lab begins with a thrust_const of at least 1e-6, above
 
 def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """``events``, ``thruster`` and ``draws``, as plain dictionaries."""
-    made, *_, comments = _described(fitted, supplied, "Isaac Lab", ISAAC_LAB_GRAVITY)
-    drawn = vehicle.describe(fitted, supplied, "Isaac Lab", WITH_LARGEST, draws, seed)
-    values, rotors = drawn.values, vehicle.rotors_of(drawn, ISAAC_LAB_GRAVITY)
+    craft, *_, comments = _describe(fitted, supplied, "Isaac Lab", ISAAC_LAB_GRAVITY)
+    sample = vehicle.describe(fitted, supplied, "Isaac Lab", WITH_LARGEST, draws, seed)
+    values, rotors = sample.values, vehicle.rotors_of(sample, ISAAC_LAB_GRAVITY)
     columns = {
         "mass": values["mass"],
         **{name: values[name] for name in vehicle.INERTIAS},
@@ -160,9 +161,9 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
     }
     if np.any(columns["thrust_const"] < ISAAC_LAB_LEAST_THRUST):
         comments = (*comments, ISAAC_LAB_CLAMPS)
-    return vehicle.filled(
+    return vehicle.render(
         "isaaclab.txt",
-        made,
+        craft,
         hash_comments((vehicle.JOINT, *comments)),
         columns=columns,
         ranges={
@@ -183,17 +184,17 @@ THIN = 1e-6
 
 def _mujoco_vehicle(fitted: Fitted, supplied: Supplied) -> VehicleDescription:
     """With all that MuJoCo lacks: an ellipsoid drags along all axes or along none."""
-    made = vehicle.describe(fitted, supplied, "MuJoCo", vehicle.BODY)
-    if 0 < sum(name in made.values for name in vehicle.QUADRATIC) < len(vehicle.QUADRATIC):
+    craft = vehicle.describe(fitted, supplied, "MuJoCo", vehicle.BODY)
+    if 0 < sum(name in craft.values for name in vehicle.QUADRATIC) < len(vehicle.QUADRATIC):
         return vehicle.describe(fitted, supplied, "MuJoCo", vehicle.BODY, also=("square",))
-    return made
+    return craft
 
 
-def _mujoco_drags(made: VehicleDescription) -> list[Float[np.ndarray, " n"]]:
+def _mujoco_drags(craft: VehicleDescription) -> list[Float[np.ndarray, " n"]]:
     """Drag along and about the axes; drag above the centre of mass also acts against turning."""
-    values, zero = made.values, np.zeros_like(made.values["mass"])
-    torques = zip(vehicle.TORQUES, vehicle.turned_by_rotors(made), strict=True)
-    drags = [values.get(name, zero) for name in vehicle.DRAGS] + [values.get(*pair) for pair in torques]
+    values, zero = craft.values, np.zeros_like(craft.values["mass"])
+    torques = zip(vehicle.TORQUES, vehicle.rotor_damping(craft), strict=True)
+    drags = [values.get(name, zero) for name in vehicle.DRAGS] + [values.get(*torque) for torque in torques]
     along_x, along_y = drags[:2]
     for row, drag in ((3, along_y), (4, along_x)):
         drags[row] = drags[row] - drag * values.get(vehicle.HEIGHT, zero) ** 2
@@ -202,69 +203,69 @@ def _mujoco_drags(made: VehicleDescription) -> list[Float[np.ndarray, " n"]]:
 
 def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
     """Numbers stand where MuJoCo's fields have them, so that draws may take their places."""
-    made = _mujoco_vehicle(fitted, supplied)
-    value, rotor = vehicle.first(made.values), vehicle.first(vehicle.rotors_of(made))
+    craft = _mujoco_vehicle(fitted, supplied)
+    value, rotor = vehicle.first_row(craft.values), vehicle.first_row(vehicle.rotors_of(craft))
     limited = "largest_command" in value
-    size, fluid = 0.5 * value["arm_scale"] * made.vehicle.arm, None
+    size, fluid = 0.5 * value["arm_scale"] * craft.vehicle.arm, None
     if all(name in value for name in vehicle.QUADRATIC):
         # the area that an ellipsoid has along an axis, times a coefficient, is the drag along it
         drag = np.array([value[name] for name in vehicle.QUADRATIC])
         unit = drag.prod() ** (1.0 / 3.0) / size**2
         fluid = (unit / (math.pi * THIN), (np.sqrt(drag.prod() / unit) / drag).tolist())
-    return vehicle.filled(
+    return vehicle.render(
         "mujoco.xml",
-        made,
-        xml_comments((*made.comments, *MUJOCO_REMARKS, *([] if limited else [NO_LIMIT]))),
+        craft,
+        xml_comments((*craft.comments, *MUJOCO_REMARKS, *([] if limited else [NO_LIMIT]))),
         gravity=GRAVITY,
         size=size,
         fluid=fluid,
         thin=THIN,
-        gain=value["mass"] * GRAVITY / made.vehicle.count,
+        gain=value["mass"] * GRAVITY / craft.vehicle.count,
         most=(rotor["largest_speed"] / rotor["hover_speed"]) ** 2 if limited else 100.0,
-        drag=[float(column[0]) for column in _mujoco_drags(made)],
-        hover=" ".join([*["1"] * made.vehicle.count, *["0"] * 6]),
-        ones=" ".join("1" * made.vehicle.count),
+        drag=[float(column[0]) for column in _mujoco_drags(craft)],
+        hover=" ".join([*["1"] * craft.vehicle.count, *["0"] * 6]),
+        ones=" ".join("1" * craft.vehicle.count),
     )
 
 
 def _mujoco_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """Controls count as in the model: one hovers the vehicle of the estimates, not that of a row."""
-    made = _mujoco_vehicle(fitted, supplied)
-    drawn = vehicle.describe(fitted, supplied, "MuJoCo", vehicle.BODY, draws, seed)
-    values = drawn.values
+    craft = _mujoco_vehicle(fitted, supplied)
+    sample = vehicle.describe(fitted, supplied, "MuJoCo", vehicle.BODY, draws, seed)
+    values = sample.values
     zero = np.zeros_like(values["mass"])
-    middle = np.tile([*vehicle.drag_centre(made), 0.0], (zero.size, 1, 1))
-    middle[:, 0, 2] = values.get(vehicle.HEIGHT, zero)
-    rotors = np.pad(np.multiply.outer(values["arm_scale"], made.vehicle.positions), ((0, 0), (0, 0), (0, 1)))
+    drag_sites = np.tile([*vehicle.drag_centre(craft), 0.0], (zero.size, 1, 1))
+    drag_sites[:, 0, 2] = values.get(vehicle.HEIGHT, zero)
+    rotors = np.pad(np.multiply.outer(values["arm_scale"], craft.vehicle.positions), ((0, 0), (0, 0), (0, 1)))
     fields: Mapping[str, Float[np.ndarray, "n ..."]] = {  # gears are of a rotor that spins clockwise
         "body_mass": values["mass"],
         "body_inertia": np.stack([values[name] for name in vehicle.INERTIAS], axis=1),
         "body_ipos": np.stack([*(values.get(name, zero) for name in vehicle.CENTRE), zero], axis=1),
-        "actuator_biasprm": 0.0 - np.stack(_mujoco_drags(drawn), axis=1),
-        "actuator_gainprm": values["thrust"] * vehicle.mapped_hover(made),
+        "actuator_biasprm": 0.0 - np.stack(_mujoco_drags(sample), axis=1),
+        "actuator_gainprm": values["thrust"] * vehicle.mapped_hover(craft),
         "actuator_dynprm": values["actuator_lag"],
         "actuator_gear": values["torque_ratio"],
-        "site_pos": np.concatenate([middle, rotors], axis=1),
+        "site_pos": np.concatenate([drag_sites, rotors], axis=1),
     }
     document = {
         "schema": "eivor.draws.mujoco/1",
-        "comments": [one_line(line) for line in (vehicle.JOINT, *made.comments, *MUJOCO_REMARKS)],
+        "comments": [one_line(line) for line in (vehicle.JOINT, *craft.comments, *MUJOCO_REMARKS)],
         "fields": {name: column.tolist() for name, column in fields.items()},
     }
-    return Exported(json.dumps(document) + "\n", made.omitted, made.lost)
+    return Exported(json.dumps(document) + "\n", craft.omitted, craft.lost)
 
 
 def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
     """A class that applies the forces, which PyBullet itself has none of."""
-    made, value, rotor, comments = _described(fitted, supplied, "PyBullet", PYBULLET_GRAVITY, vehicle.BODY)
-    return vehicle.filled(
+    craft, value, rotor, comments = _describe(fitted, supplied, "PyBullet", PYBULLET_GRAVITY, vehicle.BODY)
+    return vehicle.render(
         "pybullet.txt",
-        made,
+        craft,
         hash_comments(comments),
-        c=asdict(vehicle.coefficients(made)) | {"thrust_quadratic": rotor["thrust_constant"]},
-        hover=vehicle.manoeuvre(made, 0.0)[0].tolist(),
+        c=asdict(vehicle.coefficients(craft)) | {"thrust_quadratic": rotor["thrust_constant"]},
+        hover=vehicle.manoeuvre(craft, 0.0)[0].tolist(),
         most=rotor["largest_speed"] if math.isfinite(rotor["largest_speed"]) else None,
-        size=0.5 * value["arm_scale"] * made.vehicle.arm,
+        size=0.5 * value["arm_scale"] * craft.vehicle.arm,
     )
 
 
@@ -274,26 +275,26 @@ URDF = "gym-pybullet-drones"
 def _urdf(fitted: Fitted, supplied: Supplied) -> Exported:
     """Without the lag of the rotors, which gym-pybullet-drones does not have."""
     needs = tuple(name for name in WITH_LARGEST if name != "actuator_lag")
-    made, value, rotor, comments = _described(fitted, supplied, URDF, PYBULLET_GRAVITY, needs)
-    order = vehicle.by_quarters(made.vehicle, URDF)
-    forward, sideways = vehicle.mean_distances(made.vehicle)
+    craft, value, rotor, comments = _describe(fitted, supplied, URDF, PYBULLET_GRAVITY, needs)
+    order = vehicle.by_quarters(craft.vehicle, URDF)
+    forward, sideways = vehicle.mean_distances(craft.vehicle)
     arm, thrust = value["arm_scale"], rotor["thrust_constant"]
-    size, weight = arm * made.vehicle.arm, value["mass"] * PYBULLET_GRAVITY
+    size, weight = arm * craft.vehicle.arm, value["mass"] * PYBULLET_GRAVITY
     properties = {
         "arm": size,
         "kf": thrust * PER_MINUTE**2,
-        "km": -made.vehicle.spins[order[0]] * rotor["torque_constant"] * PER_MINUTE**2,
-        "thrust2weight": made.vehicle.count * thrust * rotor["largest_speed"] ** 2 / weight,
+        "km": -craft.vehicle.spins[order[0]] * rotor["torque_constant"] * PER_MINUTE**2,
+        "thrust2weight": craft.vehicle.count * thrust * rotor["largest_speed"] ** 2 / weight,
         "max_speed_kmh": 30.0,
         **dict.fromkeys(("gnd_eff_coeff", "dw_coeff_1", "dw_coeff_2"), 0.0),
-        "prop_radius": made.vehicle.rotor_radius or 0.5 * size,
+        "prop_radius": craft.vehicle.rotor_radius or 0.5 * size,
         "drag_coeff_xy": rotor["drag_across"],
         "drag_coeff_z": rotor["drag_along"],
         "dw_coeff_3": 1.0,
     }
-    return vehicle.filled(
+    return vehicle.render(
         "gym.urdf",
-        made,
+        craft,
         xml_comments(comments),
         properties=properties,
         size=size,
@@ -303,29 +304,29 @@ def _urdf(fitted: Fitted, supplied: Supplied) -> Exported:
 
 def _rotorpy(fitted: Fitted, supplied: Supplied, draws: Columns | None = None, seed: int = 0) -> Exported:
     """Draws are for ``BatchedMultirotorParams(vehicles, ...)``, or ``Multirotor(vehicle)`` each."""
-    made, *_, comments = _described(fitted, supplied, "RotorPy", ROTORPY_GRAVITY)
+    craft, *_, comments = _describe(fitted, supplied, "RotorPy", ROTORPY_GRAVITY)
     values: dict[str, object] = {
-        "row": vehicle.first(_rotorpy_columns(made)),
-        "positions": _high(made)[0].tolist(),
+        "row": vehicle.first_row(_rotorpy_columns(craft)),
+        "positions": _rotor_positions(craft)[0].tolist(),
     }
     if draws is not None:
-        drawn = vehicle.describe(fitted, supplied, "RotorPy", WITH_LARGEST, draws, seed)
-        columns = _rotorpy_columns(drawn)
+        sample = vehicle.describe(fitted, supplied, "RotorPy", WITH_LARGEST, draws, seed)
+        columns = _rotorpy_columns(sample)
         varying = {name: column for name, column in columns.items() if column.min() < column.max()}
         comments = (vehicle.JOINT, *comments)
-        values |= {"draws": varying, "places": _high(drawn).tolist()}
-    return vehicle.filled("rotorpy.txt", made, hash_comments(comments), **values)
+        values |= {"draws": varying, "places": _rotor_positions(sample).tolist()}
+    return vehicle.render("rotorpy.txt", craft, hash_comments(comments), **values)
 
 
-def _high(made: VehicleDescription) -> Float[np.ndarray, "n rotors 3"]:
+def _rotor_positions(craft: VehicleDescription) -> Float[np.ndarray, "n rotors 3"]:
     """Where the rotors are from the centre of mass, of each vehicle [m]."""
-    at = np.pad(vehicle.places(made), ((0, 0), (0, 0), (0, 1)))
-    at[:, :, 2] += made.values.get(vehicle.HEIGHT, np.zeros(1))[:, None]
-    return at
+    positions = np.pad(vehicle.rotor_positions(craft), ((0, 0), (0, 0), (0, 1)))
+    positions[:, :, 2] += craft.values.get(vehicle.HEIGHT, np.zeros(1))[:, None]
+    return positions
 
 
-def _rotorpy_columns(made: VehicleDescription) -> Columns:
-    values, rotors = made.values, vehicle.rotors_of(made, ROTORPY_GRAVITY)
+def _rotorpy_columns(craft: VehicleDescription) -> Columns:
+    values, rotors = craft.values, vehicle.rotors_of(craft, ROTORPY_GRAVITY)
     zero = np.zeros_like(values["mass"])
     return {
         "mass": values["mass"],
@@ -336,7 +337,7 @@ def _rotorpy_columns(made: VehicleDescription) -> Columns:
         "k_m": rotors["torque_constant"],
         "k_d": rotors["drag_across"],
         "k_z": rotors["drag_along"],
-        "k_h": values.get("translational_lift", zero) / made.vehicle.count,
+        "k_h": values.get("translational_lift", zero) / craft.vehicle.count,
         "k_flap": zero,
         "tau_m": values["actuator_lag"],
         "rotor_speed_min": zero,
@@ -346,11 +347,11 @@ def _rotorpy_columns(made: VehicleDescription) -> Columns:
 
 
 def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
-    made = vehicle.describe(fitted, supplied, "SIH", WITH_LARGEST)
-    vehicle.by_quarters(made.vehicle, "SIH")
-    value = vehicle.first(made.values)
-    forward, sideways = vehicle.mean_distances(made.vehicle)
-    largest = value["thrust"] * float(made.thrust_map(made.values["largest_command"])[0])
+    craft = vehicle.describe(fitted, supplied, "SIH", WITH_LARGEST)
+    vehicle.by_quarters(craft.vehicle, "SIH")
+    value = vehicle.first_row(craft.values)
+    forward, sideways = vehicle.mean_distances(craft.vehicle)
+    largest = value["thrust"] * float(craft.thrust_map(craft.values["largest_command"])[0])
     values = {
         "SIH_MASS": value["mass"],
         **{f"SIH_I{axes.upper()}": value[f"inertia_{axes}"] for axes in ("xx", "yy", "zz")},
@@ -360,11 +361,11 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         "SIH_L_ROLL": value["arm_scale"] * sideways,
         "SIH_L_PITCH": value["arm_scale"] * forward,
         "SIH_T_TAU": value["actuator_lag"],
-        "SIH_KDV": vehicle.alike(value, "other_than_z"),
-        "SIH_KDW": vehicle.alike(value, "turning_other"),
+        "SIH_KDV": vehicle.common_value(value, "other_than_z"),
+        "SIH_KDW": vehicle.common_value(value, "turning_other"),
         "THR_MDL_FAC": 0.0,
     }
-    hover = value["mass"] * GRAVITY / (made.vehicle.count * largest)
+    hover = value["mass"] * GRAVITY / (craft.vehicle.count * largest)
     remarks = [
         "Thrust goes linearly with a motor's signal in SIH: THR_MDL_FAC is 0, for the simulation alone.",
         "SIH_KDV and SIH_KDW are 0 where no drag is known: SIH's own are those of a vehicle of 1 kg.",
@@ -373,7 +374,7 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         remarks.append(f"MPC_THR_HOVER is not written: {beyond}")
     else:
         values["MPC_THR_HOVER"] = hover
-    return Exported(qgroundcontrol((*made.comments, *remarks), values), made.omitted, made.lost)
+    return Exported(qgroundcontrol((*craft.comments, *remarks), values), craft.omitted, craft.lost)
 
 
 #: Tilt at which the reference speed is computed [rad], and the fastest that is searched [m/s].
@@ -400,28 +401,28 @@ SITL_MOTORS = {-1: (1, (0, 2, 3, 1)), 1: (18, (1, 0, 2, 3))}
 
 def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription, int, dict[str, Any]]:
     """A frame of ArduPilot's simulator, as its sources read it: forward, right and down; with FRAME_TYPE."""
-    made = vehicle.describe(fitted, supplied, "SITL", WITH_LARGEST)
-    quarters = vehicle.by_quarters(made.vehicle, "SITL")
-    frame_type, motors = SITL_MOTORS[made.vehicle.spins[quarters[0]]]
-    value, at, count = vehicle.first(made.values), _high(made)[0], made.vehicle.count
-    weight, diagonal = value["mass"] * GRAVITY, 2.0 * value["arm_scale"] * made.vehicle.arm
-    mapped, largest = float(vehicle.mapped_hover(made)[0]), value["largest_command"]
-    exponent, signal = vehicle.exponent_at_hover(made), made.thrust_map.inverse(mapped) / largest
+    craft = vehicle.describe(fitted, supplied, "SITL", WITH_LARGEST)
+    quarters = vehicle.by_quarters(craft.vehicle, "SITL")
+    frame_type, motors = SITL_MOTORS[craft.vehicle.spins[quarters[0]]]
+    value, positions, count = vehicle.first_row(craft.values), _rotor_positions(craft)[0], craft.vehicle.count
+    weight, diagonal = value["mass"] * GRAVITY, 2.0 * value["arm_scale"] * craft.vehicle.arm
+    mapped, largest = float(vehicle.mapped_hover(craft)[0]), value["largest_command"]
+    exponent, signal = vehicle.exponent_at_hover(craft), craft.thrust_map.inverse(mapped) / largest
     share = min(max(share_of(exponent, signal), 0.0), 1.0)  # the same exponent at hover, and what is exact
-    if isinstance(made.thrust_map, Mixed):
-        share = made.thrust_map.share * largest / (1.0 + made.thrust_map.share * (largest - 1.0))
-    of_signal = (1.0 - share) * signal + share * signal**2
-    most = mapped / of_signal / float(made.thrust_map(made.values["largest_command"])[0])
-    if not math.isclose(most, 1.0, rel_tol=1e-6):
-        text = f"SITL has no such curve: it is as at hover, with {most:.3g} times the thrust at full command."
-        made = replace(made, lost=(*made.lost, text), comments=(*made.comments, text))
-    hover = vehicle.manoeuvre(made, 0.0)[0] / vehicle.rotors_of(made)["hover_speed"]
-    linear, quadratic = (vehicle.alike(value, name) for name in ("other_than_x", "quadratic_other"))
-    disc = count * math.pi * (made.vehicle.rotor_radius or 0.25 * diagonal) ** 2
+    if isinstance(craft.thrust_map, Mixed):
+        share = craft.thrust_map.share * largest / (1.0 + craft.thrust_map.share * (largest - 1.0))
+    output = (1.0 - share) * signal + share * signal**2
+    gain = mapped / output / float(craft.thrust_map(craft.values["largest_command"])[0])
+    if not math.isclose(gain, 1.0, rel_tol=1e-6):
+        text = f"SITL has no such curve: it is as at hover, with {gain:.3g} times the thrust at full command."
+        craft = replace(craft, lost=(*craft.lost, text), comments=(*craft.comments, text))
+    hover = vehicle.manoeuvre(craft, 0.0)[0] / vehicle.rotors_of(craft)["hover_speed"]
+    linear, quadratic = (vehicle.common_value(value, name) for name in ("other_than_x", "quadratic_other"))
+    disc = count * math.pi * (craft.vehicle.rotor_radius or 0.25 * diagonal) ** 2
     push, tilted = weight * math.tan(SITL_TILT), linear * math.cos(SITL_TILT) ** 1.5
     steady = max(tilted + math.sqrt(tilted**2 + 4.0 * quadratic * push), 2.0 * push / SITL_FASTEST)
-    of_rotors = linear / count * float(np.square(at[:, 1:]).sum())
-    damping = (vehicle.alike(value, "turning_other") - of_rotors) / value["inertia_xx"]
+    rotor_drag = linear / count * float(np.square(positions[:, 1:]).sum())
+    damping = (vehicle.common_value(value, "turning_other") - rotor_drag) / value["inertia_xx"]
     frame = SITL_TYPICAL | {
         "mass": value["mass"],
         "diagonal_size": diagonal,
@@ -430,31 +431,31 @@ def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription,
         "refAngle": math.degrees(SITL_TILT),
         "propExpo": share,
         "refRotRate": math.radians(SITL_DAMPING) / damping if damping > 0.0 else 0.0,
-        "hoverThrOut": of_signal,
+        "hoverThrOut": output,
         "disc_area": disc,
         "mdrag_coef": linear / math.sqrt(AIR * disc * weight),
         "num_motors": count,
     }
-    for number, rotor in enumerate((quarters[item] for item in motors), 1):
-        x, y, z = at[rotor].tolist()
+    for number, rotor in enumerate((quarters[quarter] for quarter in motors), 1):
+        x, y, z = positions[rotor].tolist()
         frame[f"motor{number}_position"] = [x, -y, -z]
-        yaw = -made.vehicle.spins[rotor] * value["torque_ratio"] * exponent / (1.0 + exponent)
+        yaw = -craft.vehicle.spins[rotor] * value["torque_ratio"] * exponent / (1.0 + exponent)
         at_hover = signal * hover[rotor] ** (2.0 / exponent)  # so that unequal rotors do not turn it
         frame[f"motor{number}_yaw"] = yaw / (SITL_YAW * diagonal * at_hover)
-    return made, frame_type, frame
+    return craft, frame_type, frame
 
 
 def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
-    made, _, frame = _sitl_frame(fitted, supplied)
+    craft, _, frame = _sitl_frame(fitted, supplied)
     # SITL reads from the first brace on: comments stand behind it
-    lines = ["{", *hash_comments((*made.comments, *SITL_REMARKS)), json.dumps(frame, indent=2)[2:]]
-    return Exported("\n".join(lines) + "\n", made.omitted, made.lost)
+    lines = ["{", *hash_comments((*craft.comments, *SITL_REMARKS)), json.dumps(frame, indent=2)[2:]]
+    return Exported("\n".join(lines) + "\n", craft.omitted, craft.lost)
 
 
 def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
     """What ArduPilot flies the frame with, and the ``SIM_`` parameters that are of the vehicle."""
-    made, frame_type, frame = _sitl_frame(fitted, supplied)
-    most = float(vehicle.rotors_of(made)["largest_speed"][0]) / (2.0 * math.pi)
+    craft, frame_type, frame = _sitl_frame(fitted, supplied)
+    largest_hz = float(vehicle.rotors_of(craft)["largest_speed"][0]) / (2.0 * math.pi)
     rows = {
         "FRAME_CLASS": 1.0,
         "FRAME_TYPE": frame_type,
@@ -462,12 +463,12 @@ def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
         **{f"MOT_PWM_{name[3:].upper()}": frame[name] for name in ("pwmMin", "pwmMax")},
         "MOT_THST_EXPO": frame["propExpo"],
         "MOT_THST_HOVER": frame["hoverThrOut"],
-        "SIM_VIB_MOT_MAX": most,
+        "SIM_VIB_MOT_MAX": largest_hz,
         "SIM_FRM_MASS": frame["mass"],
         "SIM_FRM_MDRAG": frame["mdrag_coef"],
     }
     beyond = ARDUPILOT.hover.beyond((frame["hoverThrOut"], (frame["hoverThrOut"],) * 2))
-    speeds = made.thrust_map.name == "square" and MOTOR_HZ[0] <= most <= MOTOR_HZ[1]
+    speeds = craft.thrust_map.name == "square" and MOTOR_HZ[0] <= largest_hz <= MOTOR_HZ[1]
     no_speeds = "" if speeds else "commands are no rotor speeds. Give --prior speed_scale=VALUE."
     missing = {"MOT_THST_HOVER": beyond, "SIM_VIB_MOT_MAX": no_speeds}
     remarks = [f"{name} is not written: {why}" for name, why in missing.items() if why] + [
@@ -475,8 +476,8 @@ def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
         "SIM_VIB_MOT_MAX is the rotors' largest speed [Hz], for simulated telemetry and vibration."
     ]
     values = {name: value for name, value in rows.items() if not missing.get(name)}
-    text = mission_planner((*made.comments, *remarks), values)
-    return Exported(text, made.omitted, made.lost)
+    text = mission_planner((*craft.comments, *remarks), values)
+    return Exported(text, craft.omitted, craft.lost)
 
 
 SIMULATORS = (

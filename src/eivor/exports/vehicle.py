@@ -78,9 +78,9 @@ def realisable_inertia(values: Columns) -> tuple[Columns, tuple[str, ...]]:
     others = moments.sum(axis=0) - moments
     excess = (moments / others).max(axis=0) - 1.0
     bounded = np.minimum(moments, others * (1.0 - MARGIN))
-    kept = {**values, **dict(zip(INERTIAS, bounded, strict=True))}
+    realisable = {**values, **dict(zip(INERTIAS, bounded, strict=True))}
     if moments.shape[1] > 1 or excess[0] <= 0.0:
-        return kept, ()
+        return realisable, ()
     text = ", ".join(f"{moment:.4g}" for moment in moments[:, 0])
     if excess[0] > NO_BODY_UNCERTAINTY:
         raise ParameterError(
@@ -88,7 +88,7 @@ def realisable_inertia(values: Columns) -> tuple[Columns, tuple[str, ...]]:
             f"{text} kg m^2",
             "Correct what is given of them; or fly as the report says, about two axes at once.",
         )
-    return kept, (
+    return realisable, (
         f"Moments of inertia {text} are those of no body: the largest is put at the sum of the others.",
     )
 
@@ -163,31 +163,31 @@ def describe(
         if prior.value < 0.0 or (prior.value == 0.0 and name not in MAY_BE_ZERO):
             raise UsageError(f"a {name} above zero", f"{prior.value:g}", "Correct the prior.")
     vehicle = _vehicle(fitted, supplied, target)
-    given = _given(fitted, supplied, vehicle)
-    parts, missing, bounds = _parts(fitted, given, vehicle)
+    priors = _prior_numbers(fitted, supplied, vehicle)
+    parts, missing, bounds = _parts(fitted, priors, vehicle)
     selected = {
-        **{name: SimulatorNumber(item, itemgetter(name)) for name, item in given.items() if name in WORDS},
+        **{name: SimulatorNumber(item, itemgetter(name)) for name, item in priors.items() if name in WORDS},
         **parts,
     }
     lacking = [name for name in needs if name not in selected]
     if lacking:
         raise _lacks(lacking, missing, fitted, target)
-    columns = _columns(fitted, given, selected, draws, seed)
+    columns = _columns(fitted, priors, selected, draws, seed)
     values, changed = realisable_inertia(
         {name: np.maximum(item.column(columns), LEAST.get(name, -np.inf)) for name, item in selected.items()}
     )
-    gone = _not_written(fitted, {name: why for name, why in missing.items() if name not in selected})
+    unwritten = _not_written(fitted, {name: why for name, why in missing.items() if name not in selected})
     numbers = (f"{words}: {selected[name].number.words}" for name, words in WORDS.items() if name in selected)
-    comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *bounds, *changed, *gone)
+    comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *bounds, *changed, *unwritten)
     bounded = {name: selected[name].number for name in TORQUES if name in selected}
     none = {name: max(item.interval[1], 0.0) for name, item in bounded.items() if item.value == 0.0}
-    made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone, none=none)
-    hover = fitted.input_map.inverse(float(mapped_hover(made)[0])) if "thrust" in values else 0.0
-    if (most := float(values.get("largest_command", [math.inf])[0])) <= hover:
-        raise UsageError(f"a largest command above that at hover, {hover:.6g}", f"{most:.6g}", "Correct it.")
+    craft = VehicleDescription(vehicle, fitted.input_map, values, comments, unwritten, none=none)
+    hover = fitted.input_map.inverse(float(mapped_hover(craft)[0])) if "thrust" in values else 0.0
+    if (peak := float(values.get("largest_command", [math.inf])[0])) <= hover:
+        raise UsageError(f"a largest command above that at hover, {hover:.6g}", f"{peak:.6g}", "Correct it.")
     lacks = (*LACKS.get(target, LACKS["others"]), *also)
-    lost = (*_lost(made, target, lacks), *fitted.left_over(target, ELSEWHERE)) if draws is None else ()
-    return replace(made, comments=(*comments, *lost), lost=lost)
+    lost = (*_neglected(craft, target, lacks), *fitted.left_over(target, ELSEWHERE)) if draws is None else ()
+    return replace(craft, comments=(*comments, *lost), lost=lost)
 
 
 def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:
@@ -206,8 +206,8 @@ def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:
     )
 
 
-def _given(fitted: Fitted, supplied: Supplied, vehicle: KnownVehicle) -> dict[str, Number]:
-    """What is supplied and the flight does not identify, the priors before the vehicle's file."""
+def _prior_numbers(fitted: Fitted, supplied: Supplied, vehicle: KnownVehicle) -> dict[str, Number]:
+    """Priors and the vehicle's numbers, of what the flight does not identify."""
     known = {
         name: item
         for name in ("mass", "arm_scale", "speed_scale", "torque_ratio", "yaw_inertia_ratio")
@@ -232,17 +232,17 @@ Missing = Mapping[str, tuple[str, ...] | str]
 
 
 def _not_written(fitted: Fitted, missing: Missing) -> tuple[str, ...]:
-    shared: dict[object, tuple[list[str], dict[str, None]]] = {}
+    groups: dict[object, tuple[list[str], dict[str, None]]] = {}
     for name, why in missing.items():
         roots = () if isinstance(why, str) else why
         items = [fitted.quantities.get(root) for root in roots]
         reasons = dict.fromkeys((item.verdict, item.reasons) if item else None for item in items)
-        names, together = shared.setdefault(tuple(reasons) if roots else why, ([], {}))
+        names, all_roots = groups.setdefault(tuple(reasons) if roots else why, ([], {}))
         names.append(name)
-        together |= dict.fromkeys(roots)
+        all_roots |= dict.fromkeys(roots)
     return tuple(
         f"{listed(names)} not written: {fitted.why_not(*roots) if roots else reasons}"
-        for reasons, (names, roots) in shared.items()
+        for reasons, (names, roots) in groups.items()
     )
 
 
@@ -265,21 +265,21 @@ def _lacks(lacking: Iterable[str], missing: Missing, fitted: Fitted, target: str
 
 def _columns(
     fitted: Fitted,
-    given: dict[str, Number],
+    priors: dict[str, Number],
     parts: dict[str, SimulatorNumber],
     draws: Columns | None,
     seed: int,
 ) -> dict[str, Column]:
     if draws is None:
         joint = {name: quantity.value for name, quantity in fitted.quantities.items()}
-        given_values = {name: item.value for name, item in given.items()}
+        given_values = {name: item.value for name, item in priors.items()}
         return {name: np.array([value]) for name, value in (joint | given_values).items()}
     count = next(iter(draws.values())).size
-    rng = np.random.default_rng([seed, 2])  # a stream of its own, which leaves the flight's draws alone
+    rng = np.random.default_rng([seed, 2])  # independent of the draws of the flight
     columns = {name: np.full(count, part.number.value) for name, part in parts.items()}
-    for name, entry in given.items():
-        drawn = entry.value + _std(entry) * rng.standard_normal(count)
-        columns[name] = np.maximum(drawn, LEAST_SHARE * entry.value)
+    for name, entry in priors.items():
+        samples = entry.value + _std(entry) * rng.standard_normal(count)
+        columns[name] = np.maximum(samples, LEAST_SHARE * entry.value)
     return columns | {name: column for name, column in draws.items() if fitted.identified_number(name)}
 
 
@@ -299,17 +299,17 @@ _HEIGHT = physical.Formula(
 
 
 def _parts(
-    fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle
+    fitted: Fitted, priors: dict[str, Number], vehicle: KnownVehicle
 ) -> tuple[dict[str, SimulatorNumber], dict[str, tuple[str, ...] | str], tuple[str, ...]]:
-    """What a flight identifies of a vehicle, why it does not identify the rest, and bounds."""
+    """Parts that a flight identifies, reasons for those that it does not, and sentences on bounds."""
     parts: dict[str, SimulatorNumber] = {}
     missing: dict[str, tuple[str, ...] | str] = {}
     bounds: list[str] = []
     if fitted.model == RIGID_BODY:
-        mass, speed = (KnownNumber(given[name].value, _std(given[name])) for name in ("mass", "speed_scale"))
-        known = replace(vehicle, mass=mass, speed_scale=speed)
+        mass, speed = (KnownNumber(priors[key].value, _std(priors[key])) for key in ("mass", "speed_scale"))
+        known_vehicle = replace(vehicle, mass=mass, speed_scale=speed)
         identified = _identified(fitted)
-        implied = physical.physical_parameters(identified, known)
+        implied = physical.physical_parameters(identified, known_vehicle)
         for name in (*PHYSICAL, *FURTHER):
             number, formula = implied.numbers[name], implied.formulas[name]
             value, interval = number.value, number.interval
@@ -326,19 +326,19 @@ def _parts(
                 source = f"{fitted.source(*formula.needed)}, not distinguished from zero"
                 parts[name] = SimulatorNumber(Number(0.0, interval, source), lambda row: 0.0 * row["mass"])
             else:
-                bounds.extend(_left_out(fitted, WORDS[name], formula, interval))
-        parts |= _height(fitted, identified, known)
+                bounds.extend(_bound_sentences(fitted, WORDS[name], formula, interval))
+        parts |= _height(fitted, identified, known_vehicle)
     for name, root in MADE_OF[fitted.model].items():
-        root_number = fitted.identified_number(root) or given.get(root)
+        root_number = fitted.identified_number(root) or priors.get(root)
         if root_number is None:
             if name not in RARE or root in fitted.quantities:
                 missing[name] = (root,)
         elif name not in RARE or root_number.excludes_zero:
-            parts[name] = _root(root_number, name, root, given["mass"], vehicle.count)
+            parts[name] = _root(root_number, name, root, priors["mass"], vehicle.count)
     return parts, missing, tuple(bounds)
 
 
-def _left_out(
+def _bound_sentences(
     fitted: Fitted, words: str, formula: physical.Formula, interval: tuple[float, float] | None
 ) -> Iterator[str]:
     if interval is not None:
@@ -366,15 +366,15 @@ def _root(number: Number, name: str, root: str, mass: Number, rotors: int) -> Si
 
 
 def _height(
-    fitted: Fitted, identified: physical.Combinations, known: KnownVehicle
+    fitted: Fitted, identified: physical.Combinations, known_vehicle: KnownVehicle
 ) -> dict[str, SimulatorNumber]:
     """Rotors above the centre of mass, where a flight distinguishes them from ones in its plane."""
-    if not identified.has(*_HEIGHT.needed) or _HEIGHT.missing(known):
+    if not identified.has(*_HEIGHT.needed) or _HEIGHT.missing(known_vehicle):
         return {}
-    height = identified.value(_HEIGHT, known)
+    height = identified.value(_HEIGHT, known_vehicle)
     number = Number(height.value, height.interval, fitted.source(*_HEIGHT.needed))
-    at_hand = physical.differs_from_zero(height.interval)
-    return {HEIGHT: SimulatorNumber(number, _HEIGHT.expression.evaluate)} if at_hand else {}
+    is_distinct = physical.differs_from_zero(height.interval)
+    return {HEIGHT: SimulatorNumber(number, _HEIGHT.expression.evaluate)} if is_distinct else {}
 
 
 def _identified(fitted: Fitted) -> physical.Combinations:
@@ -395,9 +395,9 @@ def by_quarters(vehicle: KnownVehicle, target: str) -> tuple[int, ...]:
     """Numbers of the rotors, from zero, in the order of `QUARTERS`."""
     order = [
         number
-        for item, left in QUARTERS
+        for forward, left in QUARTERS
         for number, (x, y) in enumerate(vehicle.positions)
-        if x * item > 0.0 and y * left > 0.0
+        if x * forward > 0.0 and y * left > 0.0
     ]
     spins = [vehicle.spins[number] for number in order]
     if vehicle.count != len(QUARTERS) or spins not in ([1, -1, 1, -1], [-1, 1, -1, 1]):
@@ -422,45 +422,45 @@ REPLAY_S, REPLAY_STEP_S = 0.5, 0.005
 REPLAY_TILT, REPLAY_SPEED = math.radians(30.0), 2.0
 
 
-def first(columns: Columns) -> dict[str, float]:
+def first_row(columns: Columns) -> dict[str, float]:
     """The first row."""
     return {name: float(column[0]) for name, column in columns.items()}
 
 
-def places(made: VehicleDescription) -> Float[np.ndarray, "n rotors 2"]:
-    """Where the rotors are from the centre of mass, forward and left, of each vehicle [m]."""
-    values, zero = made.values, np.zeros_like(made.values["mass"])
+def rotor_positions(craft: VehicleDescription) -> Float[np.ndarray, "n rotors 2"]:
+    """Rotor positions about the centre of mass, forward and left, of each vehicle [m]."""
+    values, zero = craft.values, np.zeros_like(craft.values["mass"])
     centre = np.stack([values.get(name, zero) for name in CENTRE], axis=-1)
-    return values["arm_scale"][:, None, None] * np.array(made.vehicle.positions) - centre[:, None, :]
+    return values["arm_scale"][:, None, None] * np.array(craft.vehicle.positions) - centre[:, None, :]
 
 
-def turned_by_rotors(made: VehicleDescription, share_along: float = 1.0) -> Float[np.ndarray, "3 n"]:
+def rotor_damping(craft: VehicleDescription, share_along: float = 1.0) -> Float[np.ndarray, "3 n"]:
     """Torque of the rotors' drag against turning about each axis in hover [N m/(rad/s)]."""
-    rotors, height = rotors_of(made), made.values.get(HEIGHT, np.zeros(1))
+    rotors, height = rotors_of(craft), craft.values.get(HEIGHT, np.zeros(1))
     across, along = (rotors["hover_speed"] * rotors[name] for name in ("drag_across", "drag_along"))
-    along, (forward, left) = share_along * along, np.square(places(made)).sum(axis=1).T
-    high = made.vehicle.count * across * height**2
-    return np.stack([along * left + high, along * forward + high, across * (forward + left)])
+    along, (forward, left) = share_along * along, np.square(rotor_positions(craft)).sum(axis=1).T
+    raised = craft.vehicle.count * across * height**2
+    return np.stack([along * left + raised, along * forward + raised, across * (forward + left)])
 
 
 #: Rotors of a fitted vehicle reach this many times their speed at hover, where no largest command is given.
 REACH = 2.0
 
 
-def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[tuple[float, ...]]]:
-    """The first vehicle, whose rotors drag where they are or in the centre of mass, and its body's drags."""
-    value, rotor, at = first(made.values), first(rotors_of(made)), places(made)[0]
-    turned = turned_by_rotors(made)[:, 0] if lever else np.zeros(3)
+def _modelled(craft: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[tuple[float, ...]]]:
+    """Simulator vehicle of the first row, and drags of its body; `lever`: rotors drag at their positions."""
+    value, rotor, positions = first_row(craft.values), first_row(rotors_of(craft)), rotor_positions(craft)[0]
+    damping = rotor_damping(craft)[:, 0] if lever else np.zeros(3)
     drag = np.array([value.get(name, 0.0) for name in DRAGS])
-    torque = np.array([value.get(*pair) for pair in zip(TORQUES, turned.tolist(), strict=True)]) - turned
+    torque = np.array([value.get(*pair) for pair in zip(TORQUES, damping.tolist(), strict=True)]) - damping
     across, along = (rotor[name] if lever else 0.0 for name in ("drag_across", "drag_along"))
     height = value.get(HEIGHT, 0.0) if lever else 0.0
-    of_rotors = made.vehicle.count * rotor["hover_speed"] * np.array([across, across, along])
+    rotor_drag = craft.vehicle.count * rotor["hover_speed"] * np.array([across, across, along])
     lag, largest = value.get("actuator_lag", LEAST["actuator_lag"]), rotor["largest_speed"]
-    lag_up, lag_down = up_and_down(lag, value)
+    lag_up, lag_down = rotor_lags(lag, value)
     rotors = Rotors(
-        positions=tuple((x, y, height) for x, y in at.tolist()),
-        spins=made.vehicle.spins,
+        positions=tuple((x, y, height) for x, y in positions.tolist()),
+        spins=craft.vehicle.spins,
         highest_speed=largest if math.isfinite(largest) else REACH * rotor["hover_speed"],
         thrust_quadratic=rotor["thrust_constant"],
         torque_ratio=value["torque_ratio"],
@@ -470,46 +470,46 @@ def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[tupl
         delay=value.get("delay", 0.0),
         drag=across,
         inflow=along,
-        translational_lift=value.get("translational_lift", 0.0) / made.vehicle.count,
+        translational_lift=value.get("translational_lift", 0.0) / craft.vehicle.count,
     )
     quadratic = [value.get(name, 0.0) for name in QUADRATIC]
-    drags = [tuple(part) for part in ((drag - of_rotors).tolist(), quadratic, torque.tolist())]
+    drags = [tuple(part) for part in ((drag - rotor_drag).tolist(), quadratic, torque.tolist())]
     damped = (tuple(max(item, 0.0) for item in part) for part in drags)
     inertia = tuple(value[name] for name in INERTIAS)
     return Vehicle(value["mass"], inertia, rotors, BodyDrag(*damped)), drags
 
 
-def up_and_down(lag: float, value: Mapping[str, float]) -> tuple[float, float]:
+def rotor_lags(lag: float, value: Mapping[str, float]) -> tuple[float, float]:
     """Lags towards higher and towards lower speeds [s]."""
     asymmetry = value.get("lag_asymmetry", 0.0)
     return lag / (1.0 + asymmetry), lag / (1.0 - asymmetry)
 
 
-def simulated_vehicle(made: VehicleDescription) -> Vehicle:
+def simulated_vehicle(craft: VehicleDescription) -> Vehicle:
     """The first vehicle for Eivor's own simulator; what takes energy out is no less than zero."""
-    turned = zip(TORQUES, turned_by_rotors(made)[:, 0], strict=True)
-    return _flown(made, lever=all(torque <= made.none.get(name, np.inf) for name, torque in turned))[0]
+    turned = zip(TORQUES, rotor_damping(craft)[:, 0], strict=True)
+    return _modelled(craft, lever=all(torque <= craft.none.get(name, np.inf) for name, torque in turned))[0]
 
 
-def coefficients(made: VehicleDescription, *, lever: bool = True) -> Coefficients:
+def coefficients(craft: VehicleDescription, *, lever: bool = True) -> Coefficients:
     """Equations of motion of the first vehicle, with its drags as they are."""
-    vehicle, drags = _flown(made, lever=lever)
+    vehicle, drags = _modelled(craft, lever=lever)
     return replace(coefficients_of(vehicle), body=tuple(drags))
 
 
-def turns(made: VehicleDescription) -> Float[np.ndarray, "4 rotors"]:
-    """Force and torques of the first vehicle by the thrusts of its rotors."""
-    at, ratio = places(made)[0], made.values["torque_ratio"][0]
-    return np.stack([np.ones(len(at)), at[:, 1], -at[:, 0], ratio * np.array(made.vehicle.spins)])
+def mixing_matrix(craft: VehicleDescription) -> Float[np.ndarray, "4 rotors"]:
+    """Map from rotor thrusts to total thrust and torques, of the first vehicle."""
+    arms, ratio = rotor_positions(craft)[0], craft.values["torque_ratio"][0]
+    return np.stack([np.ones(len(arms)), arms[:, 1], -arms[:, 0], ratio * np.array(craft.vehicle.spins)])
 
 
-def manoeuvre(made: VehicleDescription, acceleration: float) -> Float[np.ndarray, "steps rotors"]:
+def manoeuvre(craft: VehicleDescription, acceleration: float) -> Float[np.ndarray, "steps rotors"]:
     """Rotor speeds that roll and pitch a vehicle to and fro, from hover [rad/s]."""
-    value, rotor = first(made.values), first(rotors_of(made))
+    value, rotor = first_row(craft.values), first_row(rotors_of(craft))
     phase = np.arange(0.0, REPLAY_S, REPLAY_STEP_S) / REPLAY_S
     roll = np.select([phase < 0.3, phase < 0.6], [1.0, -1.0])
     pitch = np.select([phase < 0.2, phase < 0.5, phase < 0.8], [0.0, -1.0, 1.0])
-    wanted = np.stack(
+    demand = np.stack(
         [
             np.full_like(phase, value["mass"] * GRAVITY),
             value["inertia_xx"] * acceleration * roll,
@@ -517,41 +517,41 @@ def manoeuvre(made: VehicleDescription, acceleration: float) -> Float[np.ndarray
             0.0 * phase,
         ]
     )
-    thrust = np.linalg.pinv(turns(made)) @ wanted
+    thrust = np.linalg.pinv(mixing_matrix(craft)) @ demand
     return np.sqrt(np.maximum(thrust, 0.0).T / rotor["thrust_constant"])
 
 
-def drag_centre(made: VehicleDescription) -> list[float]:
+def drag_centre(craft: VehicleDescription) -> list[float]:
     """Where the rotors' drag acts in hover, forward and left of their middle [m]."""
-    value, speeds = first(made.values), manoeuvre(made, 0.0)[0]
-    centre: list[float] = (speeds @ places(made)[0] / speeds.sum()).tolist()
-    return [value.get(name, 0.0) + item for name, item in zip(CENTRE, centre, strict=True)]
+    value, speeds = first_row(craft.values), manoeuvre(craft, 0.0)[0]
+    centre: list[float] = (speeds @ rotor_positions(craft)[0] / speeds.sum()).tolist()
+    return [value.get(name, 0.0) + offset for name, offset in zip(CENTRE, centre, strict=True)]
 
 
-def exponent_at_hover(made: VehicleDescription) -> float:
-    """Of thrust over the command."""
-    mapped = float(mapped_hover(made)[0])
-    command = made.thrust_map.inverse(mapped)
-    return command * made.thrust_map.slope(command) / mapped
+def exponent_at_hover(craft: VehicleDescription) -> float:
+    """Exponent of thrust as a function of command."""
+    mapped = float(mapped_hover(craft)[0])
+    command = craft.thrust_map.inverse(mapped)
+    return command * craft.thrust_map.slope(command) / mapped
 
 
-def replayed(
-    made: VehicleDescription, commands: Float[np.ndarray, "steps rotors"], lacking: Collection[str] = ()
+def replay(
+    craft: VehicleDescription, commands: Float[np.ndarray, "steps rotors"], lacking: Collection[str] = ()
 ) -> Float[np.ndarray, "steps 13"]:
     """States of the body under commands, from hover, without effects that have no numbers."""
-    c, power = coefficients(made, lever="lever" not in lacking), exponent_at_hover(made)
-    step, spins = runge_kutta(c, REPLAY_STEP_S), c.torque_ratio * np.array(made.vehicle.spins)
+    c, power = coefficients(craft, lever="lever" not in lacking), exponent_at_hover(craft)
+    step, spins = runge_kutta(c, REPLAY_STEP_S), c.torque_ratio * np.array(craft.vehicle.spins)
     decay, inertia = math.exp(-REPLAY_STEP_S * c.rate_up), np.array(c.inertia[:3])
     body: Any = [0.0, 0.0, 0.0, REPLAY_SPEED, REPLAY_SPEED, 0.0, 1.0, *[0.0] * 6]
-    hover, states = manoeuvre(made, 0.0)[0], []
+    hover, states = manoeuvre(craft, 0.0)[0], []
     speeds: Any = hover.tolist()
-    for wanted in commands:
-        command, now, torque = wanted, np.array(speeds), [0.0, 0.0, 0.0]
+    for demand in commands:
+        command, now, torque = demand, np.array(speeds), [0.0, 0.0, 0.0]
         if "of_speed" in lacking:  # what reaches the same as a lag of the square
-            command = (np.sqrt(decay * now**2 + (1.0 - decay) * wanted**2) - decay * now) / (1.0 - decay)
+            command = (np.sqrt(decay * now**2 + (1.0 - decay) * demand**2) - decay * now) / (1.0 - decay)
         if "in_step" in lacking:
-            over = power / (1.0 + power) * (now / hover) ** (2.0 / power) - 1.0
-            torque[2] = float(c.thrust_quadratic * now**2 @ (spins * over))
+            excess = power / (1.0 + power) * (now / hover) ** (2.0 / power) - 1.0
+            torque[2] = float(c.thrust_quadratic * now**2 @ (spins * excess))
         if "coupling" in lacking:
             torque = (torque + np.cross(body[10:13], inertia * body[10:13])).tolist()
         body, speeds = step(body, speeds, command.tolist(), STILL, (torque[0], torque[1], torque[2]))
@@ -559,80 +559,80 @@ def replayed(
     return np.array(states)
 
 
-def held_back(
-    made: VehicleDescription, commands: Float[np.ndarray, "steps rotors"]
+def delay_commands(
+    craft: VehicleDescription, commands: Float[np.ndarray, "steps rotors"]
 ) -> tuple[VehicleDescription, Float[np.ndarray, "steps rotors"]]:
-    """A vehicle whose rotors have one lag, and commands behind its delay and the other lag, from hover."""
-    value, hover = first(made.values), manoeuvre(made, 0.0)[0]
+    """Vehicle with the slower lag alone, and commands filtered by its delay and its faster lag."""
+    value, hover = first_row(craft.values), manoeuvre(craft, 0.0)[0]
     delay, second = value.get("delay", 0.0), value.get("second_lag", 0.0)
     if delay > 0.0:
-        time, known = REPLAY_STEP_S * np.arange(-1, len(commands)), np.vstack([hover, commands])
-        commands = np.stack([np.interp(time[1:] - delay, time, column) for column in known.T], axis=1)
+        time, padded = REPLAY_STEP_S * np.arange(-1, len(commands)), np.vstack([hover, commands])
+        commands = np.stack([np.interp(time[1:] - delay, time, column) for column in padded.T], axis=1)
     if not 0.0 < second < value["actuator_lag"]:
-        return made, commands
-    passed, state = np.empty_like(commands), hover
+        return craft, commands
+    delayed, state = np.empty_like(commands), hover
     for row, command in enumerate(commands):
         state = command + (state - command) * math.exp(-REPLAY_STEP_S / second)
-        passed[row] = state
-    rest = {"actuator_lag": made.values["actuator_lag"] - second}
-    return replace(made, values={**made.values, **rest}), passed
+        delayed[row] = state
+    first_lag = {"actuator_lag": craft.values["actuator_lag"] - second}
+    return replace(craft, values={**craft.values, **first_lag}), delayed
 
 
-def alike(value: Mapping[str, float], effect: str) -> float:
-    """The one number that a simulator has in place of several: zero where none is known."""
+def common_value(value: Mapping[str, float], effect: str) -> float:
+    """Mean of the numbers that a simulator has as one; zero where none is known."""
     row = EFFECTS[effect]
     numbers = [[value[name] for name in row[key] if name in value] for key in ("alike", "numbers")]
     return float(np.mean(next(filter(None, numbers), [0.0])))
 
 
-def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iterator[str]:
-    """What a simulator cannot hold of a vehicle, with the error that its absence makes."""
-    whole, value = None, first(made.values)
-    turned, across = (turned_by_rotors(made, share)[:, 0] for share in (1.0, 0.0))
-    whole_turned = dict(zip(TORQUES, turned.tolist(), strict=True)) | value
-    least = np.maximum(turned, [whole_turned[name] for name in TORQUES])
-    turning = {
-        "turning": 0.0 * turned,
-        "beside_rotors": turned,
+def _neglected(craft: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iterator[str]:
+    """Sentences on effects that a simulator lacks, with the error of a manoeuvre without each."""
+    reference, value = None, first_row(craft.values)
+    damping, across = (rotor_damping(craft, share)[:, 0] for share in (1.0, 0.0))
+    damped = dict(zip(TORQUES, damping.tolist(), strict=True)) | value
+    floor = np.maximum(damping, [damped[name] for name in TORQUES])
+    torques = {
+        "turning": 0.0 * damping,
+        "beside_rotors": damping,
         "beside_across": across,
-        "below_rotors": least,
+        "below_rotors": floor,
     }
     for effect in lacks:
-        row, held = EFFECTS[effect], value
-        has = dict.fromkeys(row["numbers"], alike(value, effect) if "alike" in row else 0.0)
-        if effect in turning:  # The rotors' drag turns, identified or not
-            has, held = dict(zip(TORQUES, turning[effect].tolist(), strict=True)), whole_turned
+        row, expected = EFFECTS[effect], value
+        has = dict.fromkeys(row["numbers"], common_value(value, effect) if "alike" in row else 0.0)
+        if effect in torques:  # The rotors' drag turns, identified or not
+            has, expected = dict(zip(TORQUES, torques[effect].tolist(), strict=True)), damped
         names = tuple(
             name
             for name, number in has.items()
-            if not math.isclose(held.get(name, number), number, rel_tol=1e-6)
-            and number > made.none.get(name, -math.inf)
+            if not math.isclose(expected.get(name, number), number, rel_tol=1e-6)
+            and number > craft.none.get(name, -math.inf)
         )
         if not names and row["numbers"]:
             continue
-        if whole is None:
-            commands = manoeuvre(made, 20.0)
-            tilt = np.arccos(1.0 - 2.0 * np.square(replayed(made, commands)[:, 7:9]).sum(axis=1)).max()
-            commands = manoeuvre(made, 20.0 * min(REPLAY_TILT / tilt, 5.0))
-            whole = replayed(*held_back(made, commands))
-        rest = {name: column for name, column in made.values.items() if name not in names}
-        if effect in turning or "alike" in row:
-            rest |= {name: np.full(1, has[name]) for name in names}
-        kept = made if effect == "lever" else replace(made, values=rest)
-        without = replayed(*held_back(kept, commands), (effect,))
-        cosine = np.abs((whole[:, 6:10] * without[:, 6:10]).sum(axis=1)).clip(max=1.0)
+        if reference is None:
+            commands = manoeuvre(craft, 20.0)
+            tilt = np.arccos(1.0 - 2.0 * np.square(replay(craft, commands)[:, 7:9]).sum(axis=1)).max()
+            commands = manoeuvre(craft, 20.0 * min(REPLAY_TILT / tilt, 5.0))
+            reference = replay(*delay_commands(craft, commands))
+        columns = {name: column for name, column in craft.values.items() if name not in names}
+        if effect in torques or "alike" in row:
+            columns |= {name: np.full(1, has[name]) for name in names}
+        reduced = craft if effect == "lever" else replace(craft, values=columns)
+        without = replay(*delay_commands(reduced, commands), (effect,))
+        cosine = np.abs((reference[:, 6:10] * without[:, 6:10]).sum(axis=1)).clip(max=1.0)
         angle = math.degrees(2.0 * np.arccos(cosine).max())
-        speed = float(np.linalg.norm(whole[:, 3:6] - without[:, 3:6], axis=1).max())
-        gone = [
+        speed = float(np.linalg.norm(reference[:, 3:6] - without[:, 3:6], axis=1).max())
+        unwritten = [
             f"{name} {value[name]:.4g}"
             for name in names
-            if name in value and name not in made.none and (effect != "lever" or name == HEIGHT)
+            if name in value and name not in craft.none and (effect != "lever" or name == HEIGHT)
         ]
-        left_out = f", and {', '.join(gone)} not in this file" if gone else ""
+        left_out = f", and {', '.join(unwritten)} not in this file" if unwritten else ""
         forced = [
-            f"{name} {has[name]:.3g}, above its bound {made.none[name]:.3g}"
+            f"{name} {has[name]:.3g}, above its bound {craft.none[name]:.3g}"
             for name in names
-            if name in made.none
+            if name in craft.none
         ]
         left_out += f", and its rotors' drag makes {'; '.join(forced)}" if forced else ""
         remedy = f" Hold its commands back by {value['delay']:.4g} s." if effect == "late" else ""
@@ -657,24 +657,24 @@ def _templates() -> Environment:
     )
 
 
-def filled(file: str, made: VehicleDescription | None, comments: Iterable[str], **values: object) -> Exported:
-    """A template with what all of them take: the first row, the rotors' places and spins, and the centre."""
-    if made is None:
-        return Exported(_templates().get_template(file).render(comments=list(comments), **values))
-    value = first(made.values)
+def render(file: str, craft: VehicleDescription | None, lines: Iterable[str], **values: object) -> Exported:
+    """Rendered template: every one takes the first row, rotor positions and spins, and the centre."""
+    if craft is None:
+        return Exported(_templates().get_template(file).render(comments=list(lines), **values))
+    value = first_row(craft.values)
     arm = value["arm_scale"]
     values = {
-        "comments": list(comments),
+        "comments": list(lines),
         "value": value,
         "centre": [value.get(name, 0.0) for name in CENTRE],
-        "dragged": drag_centre(made),
-        "positions": [(arm * x, arm * y) for x, y in made.vehicle.positions],
-        "spins": list(made.vehicle.spins),
+        "dragged": drag_centre(craft),
+        "positions": [(arm * x, arm * y) for x, y in craft.vehicle.positions],
+        "spins": list(craft.vehicle.spins),
     } | values
-    return Exported(_templates().get_template(file).render(values), made.omitted, made.lost)
+    return Exported(_templates().get_template(file).render(values), craft.omitted, craft.lost)
 
 
-#: What stands above draws.
+#: Comment above joint draws.
 JOINT = (
     "Rows are joint draws: a thrust goes with the mass of its row, so that the hover command spreads as "
     "little as the flight identifies it. Numbers drawn each by itself would lose that."
@@ -686,18 +686,18 @@ ExportOfDraws = Callable[[Fitted, Supplied, Columns, int], Exported]
 # -- Rotors --
 
 
-def mapped_hover(made: VehicleDescription) -> Column:
+def mapped_hover(craft: VehicleDescription) -> Column:
     """Mapped command at hover."""
-    return made.values["mass"] * GRAVITY / (made.vehicle.count * made.values["thrust"])
+    return craft.values["mass"] * GRAVITY / (craft.vehicle.count * craft.values["thrust"])
 
 
-def rotors_of(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str, Column]:
+def rotors_of(craft: VehicleDescription, gravity: float = GRAVITY) -> dict[str, Column]:
     """Numbers of a rotor, a row for each vehicle, in N, N m and rad/s; drags are over a rotor's speed."""
-    values, count = made.values, made.vehicle.count
+    values, count = craft.values, craft.vehicle.count
     scale, thrust, zero = values["speed_scale"], values["thrust"], np.zeros_like(values["mass"])
-    hover = scale * np.sqrt(mapped_hover(made))
+    hover = scale * np.sqrt(mapped_hover(craft))
     constant = thrust / scale**2 * (gravity / GRAVITY)
-    largest = made.thrust_map(values.get("largest_command", zero + np.inf))
+    largest = craft.thrust_map(values.get("largest_command", zero + np.inf))
     across = [values[name] for name in ("drag_x", "drag_y") if name in values]
     return {
         "thrust_constant": constant,
@@ -709,10 +709,10 @@ def rotors_of(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str, C
     }
 
 
-def speed_comments(made: VehicleDescription, simulator: str, gravity: float = GRAVITY) -> tuple[str, ...]:
+def speed_comments(craft: VehicleDescription, simulator: str, gravity: float = GRAVITY) -> tuple[str, ...]:
     """What a rotor's speed and gravity are in a simulator, as sentences."""
     sentence = ["Rotor speeds are the commands times the rotor speed per unit of command."]
-    if made.thrust_map.name != "square":
+    if craft.thrust_map.name != "square":
         sentence = [
             "Rotor speeds are the rotor speed per unit of command times the square root of the mapped "
             "command: exact at rest, with the identified lag about hover."
