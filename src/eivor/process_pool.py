@@ -42,8 +42,8 @@ POLL_S, BEGIN_S = 0.2, 120.0
 TRIES = 2
 #: Tasks submitted for each worker: one at work and one that waits for it.
 TASKS_PER_WORKER = 2
-#: Bytes that are read of what a dead process printed, and how long a process may take to die [s].
-LAST_WORDS, WORDS_S = 4000, 10.0
+#: Bytes read from the end of a dead process's output, and longest time that a process takes to die [s].
+PRINTED_BYTES, DEATH_S = 4000, 10.0
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS"), "1"
 )
@@ -80,24 +80,24 @@ UNLIMITED = Limits(math.inf, math.inf)
 
 
 class _Turns:
-    """Attempts at items: many at a time, or one alone, as a process may have died for want of memory."""
+    """Turns of attempts: many at a time, or an exclusive one after a process died, perhaps of memory."""
 
     def __init__(self) -> None:
         self._change = threading.Condition()
-        self._running = self._wanted = 0  # attempts, and those that want to be alone or are
+        self._running = self._exclusive = 0  # running attempts, and exclusive ones waiting or running
 
     @contextmanager
-    def turn(self, given_up: Callable[[], bool], *, alone: bool) -> Iterator[None]:
+    def turn(self, given_up: Callable[[], bool], *, exclusive: bool) -> Iterator[None]:
         """Wait for one's turn, and have it for the block."""
         with self._change:
-            self._wanted += alone
+            self._exclusive += exclusive
             try:
-                while self._running if alone else self._wanted:
+                while self._running if exclusive else self._exclusive:
                     if given_up():
                         raise AbandonedError
                     self._change.wait(POLL_S)
             except BaseException:
-                self._wanted -= alone
+                self._exclusive -= exclusive
                 raise
             self._running += 1
         try:
@@ -105,7 +105,7 @@ class _Turns:
         finally:
             with self._change:
                 self._running -= 1
-                self._wanted -= alone
+                self._exclusive -= exclusive
                 self._change.notify_all()
 
 
@@ -126,7 +126,7 @@ class WorkerProcess:
         for attempt in range(TRIES):
             process, self._process = self._process or _Process(), None  # until it has answered
             try:
-                with _TURNS.turn(given_up, alone=attempt > 0):
+                with _TURNS.turn(given_up, exclusive=attempt > 0):
                     kind, value = process.result(self._pickled, self._limits, item, report, given_up)
             except _DiedError as died:
                 process.end()
@@ -212,7 +212,7 @@ class _Process:
             with suppress(queue.Empty):
                 answer = self._answers.get(timeout=POLL_S)
                 if answer is None:
-                    raise _DiedError(self._last_words())
+                    raise _DiedError(self._death_sentence())
                 if answer[0] != "progress":
                     return answer
                 if report is not None:
@@ -230,18 +230,18 @@ class _Process:
                 self._answers.put(pickle.load(pipe))  # noqa: S301 - our own process wrote it
         self._answers.put(None)
 
-    def _last_words(self) -> str:
+    def _death_sentence(self) -> str:
         try:
-            code = self.popen.wait(WORDS_S)
+            code = self.popen.wait(DEATH_S)
         except subprocess.TimeoutExpired:  # it has sent what cannot be read here
             self.popen.kill()
             code = self.popen.wait()
         self._printed.seek(0, os.SEEK_END)
-        self._printed.seek(max(self._printed.tell() - LAST_WORDS, 0))
+        self._printed.seek(max(self._printed.tell() - PRINTED_BYTES, 0))
         lines = self._printed.read().decode("utf-8", "replace").strip().splitlines()
         # an allocation that fails is printed in the library's way, followed by hints for debugging
-        telling = [line for line in lines if "memory" in line.lower()] or lines
-        text = f", and said last: {telling[-1]}" if telling else ""
+        relevant = [line for line in lines if "memory" in line.lower()] or lines
+        text = f", and said last: {relevant[-1]}" if relevant else ""
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         return f"The process that worked on it died ({how}){text}."
 
@@ -277,12 +277,12 @@ def work() -> None:
         os.environ[SANDBOX] = "1"
         limit_memory(memory_gb)
     waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    threading.Thread(target=_take, args=(items, waiting), daemon=True).start()
-    _give(results, "begun", None)
+    threading.Thread(target=_queue_items, args=(items, waiting), daemon=True).start()
+    _write_answer(results, "begun", None)
     while True:
         item, reports = waiting.get()
         os.ftruncate(2, 0)  # what was printed at items before
-        report = (partial(_give, results, "progress"),) if reports else ()
+        report = (partial(_write_answer, results, "progress"),) if reports else ()
         try:
             answer = "result", function(item, *report)
         except MemoryError:
@@ -291,15 +291,15 @@ def work() -> None:
             answer = "memory", None
         except EivorError as error:
             answer = "error", error
-        _give(results, *answer)
+        _write_answer(results, *answer)
 
 
-def _give(results: BinaryIO, kind: str, value: Any) -> None:
+def _write_answer(results: BinaryIO, kind: str, value: Any) -> None:
     pickle.dump((kind, value), results)
     results.flush()
 
 
-def _take(items: BinaryIO, waiting: queue.SimpleQueue[Any]) -> None:
+def _queue_items(items: BinaryIO, waiting: queue.SimpleQueue[Any]) -> None:
     """Queue items; end this process, in the middle of one too, when whoever waited is gone."""
     try:
         while True:
@@ -317,13 +317,13 @@ def limit_memory(memory_gb: float) -> None:
     import resource
 
     try:
-        held = int(Path("/proc/self/statm").read_text("ascii").split()[0]) * resource.getpagesize()
+        used_bytes = int(Path("/proc/self/statm").read_text("ascii").split()[0]) * resource.getpagesize()
     except OSError:
-        held = 0
-    most = held + int(memory_gb * 1e9)
+        used_bytes = 0
+    limit = used_bytes + int(memory_gb * 1e9)
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-    if hard == resource.RLIM_INFINITY or most < hard:
-        resource.setrlimit(resource.RLIMIT_AS, (most, hard))
+    if hard == resource.RLIM_INFINITY or limit < hard:
+        resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
 
 
 class Executor(ABC):

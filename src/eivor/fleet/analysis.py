@@ -41,17 +41,17 @@ SHARE = "is_share"
 
 
 def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
-    """What a motion compares over flights; its headline as it is where it says nothing."""
+    """Quantities that a motion compares over flights: those that it names, or else its headline."""
     headline = (AcrossFlights(name, identified_by=(name,)) for name in motion.quantities.headline)
     result = []
     for across in motion.quantities.across or headline:
-        known = {item.name for item in across.covariates}
-        more = (Covariate(name) for name in further if name not in known)
-        result.append(replace(across, covariates=(*across.covariates, *more)))
+        listed = {item.name for item in across.covariates}
+        added = (Covariate(name) for name in further if name not in listed)
+        result.append(replace(across, covariates=(*across.covariates, *added)))
     return tuple(result)
 
 
-def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
+def report_columns(across: Sequence[AcrossFlights]) -> list[str]:
     """Columns of a fleet's table that its report reads."""
     columns = ["sha256", "name", "motion", *VEHICLE, "start", "duration_s", "verdict"]
     columns += [
@@ -86,7 +86,7 @@ def in_order(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def omission_reason(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
-    """Why a row does not say anything of a quantity; null where it does."""
+    """Reason for which a row is left out for a quantity; null where it is used."""
     value, error = pl.col(f"{across.name}.value"), _error(across)
     texts = [f"{fleet_table.DIAGNOSTIC}first_stage_F_{name}" for name in across.identified_by]
     weak = [pl.col(name) < STRONG_FIRST_STAGE for name in texts if name in columns]
@@ -105,7 +105,7 @@ def omission_reason(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
 
 
 def is_share(across: AcrossFlights) -> pl.Expr:
-    """`SHARE` of ordered rows: whether half of the positive values of those that are pooled are below it."""
+    """`SHARE` of ordered rows: whether the median positive value of each pool is below the largest share."""
     value = pl.col(f"{across.name}.value")
     share = value.filter(value > 0.0).median().over(TOGETHER) < across.largest
     return (share.fill_null(value=False) & math.isfinite(across.largest)).alias(SHARE)
@@ -120,17 +120,17 @@ def compared(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
 def pooled(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
     """The number that is pooled, and its variance: as `compared`, of a share its logit."""
     y, v = compared(across)
-    left = across.largest - pl.col(f"{across.name}.value")
-    logit = y - left.log(), v * (across.largest / left) ** 2
+    margin = across.largest - pl.col(f"{across.name}.value")
+    logit = y - margin.log(), v * (across.largest / margin) ** 2
     return pl.when(SHARE).then(logit[0]).otherwise(y), pl.when(SHARE).then(logit[1]).otherwise(v)
 
 
 def flight_interval(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
     """`low` and `high` that a flight identifies by itself, or by its standard error; within the bounds."""
-    value, reach = pl.col(f"{across.name}.value"), normal_quantile(0.95) * _error(across)
+    value, half = pl.col(f"{across.name}.value"), normal_quantile(0.95) * _error(across)
     low, high = (
         pl.coalesce(pl.col(f"{across.name}.{end}").fill_nan(None), by_error).alias(end)
-        for end, by_error in (("low", value - reach), ("high", value + reach))
+        for end, by_error in (("low", value - half), ("high", value + half))
     )
     if across.logarithm:
         top = pl.when(SHARE).then(across.largest).otherwise(math.inf)
@@ -149,7 +149,7 @@ def _arrays(rows: pl.DataFrame, expressions: tuple[pl.Expr, pl.Expr]) -> tuple[R
 
 
 def groups_of(rows: pl.DataFrame, *by: str) -> tuple[pl.DataFrame, Groups]:
-    """Groups of rows that stand together already, with what they go by."""
+    """Groups of adjacent rows, with their keys."""
     begins = [pl.col(name).ne_missing(pl.col(name).shift()) for name in by]
     first = rows.select(pl.any_horizontal(begins) | (pl.int_range(pl.len()) == 0)).to_series().arg_true()
     ends = np.append(first.to_numpy()[1:], rows.height)
@@ -164,7 +164,7 @@ LEVEL = 0.05
 FEWEST_FLIGHTS, FEWEST_VEHICLES = 6, 4
 #: Share of flights that must know a covariate for it to be used.
 KNOWN = 0.8
-#: What a step has to explain beyond a drift, since its place was searched for.
+#: Squares that a step has to explain beyond a drift, since its time was searched for.
 SEARCHED = 5.0
 #: A logarithm of a covariate that lies so near to the mean of its type differs from it by rounding only.
 ROUNDING = 1e-9
@@ -180,12 +180,12 @@ def _about_the_type(name: str) -> pl.Expr:
 
 @dataclass(frozen=True)
 class FleetTrend:
-    """What changes in one quantity, besides what covariates explain."""
+    """Drifts and steps of one quantity, without the effect of covariates."""
 
     about: pl.DataFrame  # `type` and `vehicle` of each group
     ordered: change_points.Ordered  # estimates at the mean conditions of their type
-    vehicles: Groups  # groups that are pooled
-    sets: pl.Series  # and what they are pooled as
+    vehicles: Groups  # sets of groups that are pooled
+    sets: pl.Series  # key of each set
     used: tuple[Covariate, ...]  # covariates, in the order of the slopes
     slopes: Float[np.ndarray, "sets p"]
     slopes_covariance: Float[np.ndarray, "sets p p"]
@@ -194,7 +194,7 @@ class FleetTrend:
 
     @property
     def enough_flights(self) -> np.ndarray:
-        """Of which vehicles a course is reported, shape (vehicles,)."""
+        """Vehicles with enough flights for a course to be reported, shape (vehicles,)."""
         return self.ordered.groups.sizes >= FEWEST_FLIGHTS
 
     def form(self, tests: Float[np.ndarray, " vehicles"]) -> np.ndarray:
@@ -212,10 +212,10 @@ class FleetTrend:
         total = groups.sums(ordered.weights)
         mean = groups.spread(groups.sums(ordered.weights * ordered.y) / total)
         line, leverage = mean, ordered.weights / groups.spread(total)
-        of_rows = np.repeat(form, groups.sizes)
-        for name, other in ((DRIFTS, self.drifts), (STEPS, self.steps)):
-            line = np.where(of_rows == name, other.line, line)
-            leverage = np.where(of_rows == name, other.leverage, leverage)
+        row_forms = np.repeat(form, groups.sizes)
+        for name, change in ((DRIFTS, self.drifts), (STEPS, self.steps)):
+            line = np.where(row_forms == name, change.line, line)
+            leverage = np.where(row_forms == name, change.leverage, leverage)
         parameters = np.where(form == STEADY, 1.0, 2.0)
         p_values = change_points.deviation_p_values(ordered, line, leverage, parameters)
         return np.where(np.repeat(self.enough_flights, groups.sizes), p_values, 1.0), line
@@ -242,23 +242,23 @@ def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
     isolation = change_points.outlier_test(groups, vehicles, v)
 
     def without_covariates(
-        errors: Rows, before: Float[np.ndarray, " groups"], trends: Float[np.ndarray, "c rows"]
+        errors: Rows, previous: Float[np.ndarray, " groups"], trends: Float[np.ndarray, "c rows"]
     ) -> tuple[change_points.Ordered, tuple[np.ndarray, np.ndarray], Float[np.ndarray, " groups"]]:
         """Estimates without covariates, by the errors and the variance between of the last step."""
-        weights = Grouped(groups, y, errors).weights(before)
-        slopes = change_points.shared_slopes(groups, vehicles, y, weights, trends, x, *expected)
-        of_groups, covariance = (np.repeat(item, vehicles.sizes, axis=0) for item in slopes)
-        level = y - np.einsum("pr,rp->r", x, np.repeat(of_groups, groups.sizes, axis=0))
+        first_weights = Grouped(groups, y, errors).weights(previous)
+        slopes = change_points.shared_slopes(groups, vehicles, y, first_weights, trends, x, *expected)
+        group_slopes, covariance = (np.repeat(item, vehicles.sizes, axis=0) for item in slopes)
+        level = y - np.einsum("pr,rp->r", x, np.repeat(group_slopes, groups.sizes, axis=0))
         if used:
             errors = v + isolation(level)
-        made = Grouped(groups, level, errors)
-        after = made.paule_mandel(vehicles, before)  # common to a type
-        both = made.weights(after), replace(made, v=v).weights(after)
-        return change_points.Ordered(groups, level, errors, *both, hours, x, covariance), slopes, after
+        grouped = Grouped(groups, level, errors)
+        updated = grouped.paule_mandel(vehicles, previous)  # common to a type
+        weights = grouped.weights(updated), replace(grouped, v=v).weights(updated)
+        return change_points.Ordered(groups, level, errors, *weights, hours, x, covariance), slopes, updated
 
     variance = Grouped(groups, y, v).paule_mandel(vehicles)
     ordered, slopes, variance = without_covariates(v + isolation(y), variance, hours[None, :])
-    if used:  # again, beside the step that is seen now
+    if used:  # again, with the step that was detected
         both = np.stack([hours, change_points.steps(ordered).after])
         ordered, slopes, _ = without_covariates(ordered.errors, variance, both)
     changes = change_points.drifts(ordered), change_points.steps(ordered)
@@ -314,13 +314,13 @@ def pooled_types(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
 
 
 def _report(
-    about: pl.DataFrame, of: Grouped, across: AcrossFlights, shares: Bool[np.ndarray, " groups"]
+    about: pl.DataFrame, grouped: Grouped, across: AcrossFlights, shares: Bool[np.ndarray, " groups"]
 ) -> pl.DataFrame:
-    means, known = of.means(of.paule_mandel()), between_distribution(of)
-    half, next_half_widths = known.mean_half_widths(means), known.next_half_widths(means.value)
-    low, high = of.q_profile(near=means.between)
-    reach = [sign * item for item in (half, next_half_widths) for sign in (-1.0, 1.0)]
-    ends = np.stack([means.value, *(means.value + item for item in reach)])
+    means, distribution = grouped.means(grouped.paule_mandel()), between_distribution(grouped)
+    half, next_half_widths = distribution.mean_half_widths(means), distribution.next_half_widths(means.value)
+    low, high = grouped.q_profile(near=means.between)
+    offsets = [sign * item for item in (half, next_half_widths) for sign in (-1.0, 1.0)]
+    ends = np.stack([means.value, *(means.value + item for item in offsets)])
     largest = across.largest
     if across.logarithm:
         with np.errstate(over="ignore"):
@@ -330,16 +330,16 @@ def _report(
     between = np.sqrt([means.between, low, high])
     between[:, shares] *= 1.0 - mean[shares] / largest  # a share of the value, not of the odds
     columns = (mean, mean_low, mean_high, *between, next_low, next_high)
-    known_ends = np.isfinite(half)
+    bounded = np.isfinite(half)
     numbers = (
-        _known(name, number, np.isfinite(number) & (known_ends | (name == "mean")))
+        _known_series(name, number, np.isfinite(number) & (bounded | (name == "mean")))
         for name, number in zip(POOLED, columns, strict=True)
     )
-    return about.with_columns(pl.Series("pooled", of.groups.sizes), *numbers)
+    return about.with_columns(pl.Series("pooled", grouped.groups.sizes), *numbers)
 
 
-def _known(name: str, numbers: Rows, known: np.ndarray) -> pl.Series:
-    return pl.Series(name, np.where(known, numbers, np.nan)).fill_nan(None)
+def _known_series(name: str, numbers: Rows, is_known: np.ndarray) -> pl.Series:
+    return pl.Series(name, np.where(is_known, numbers, np.nan)).fill_nan(None)
 
 
 def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
@@ -424,7 +424,7 @@ FORMS = 2
 
 @dataclass(frozen=True)
 class FleetReport:
-    """What the flights of one motion say of a fleet."""
+    """Results of the flights of one motion."""
 
     motion: Motion[Any]
     logs: dict[str, int]
@@ -441,18 +441,18 @@ class FleetReport:
 def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str] = ()) -> FleetReport:
     """Report of the flights of a motion."""
     across = across_of(motion, further)
-    absent = [name for name in wanted_columns(across) if name not in table.columns]
+    absent = [name for name in report_columns(across) if name not in table.columns]
     table = table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in absent)
     of_motion = table.filter(pl.col("motion") == motion.name)
     rows = in_order(of_motion)
     with ThreadPoolExecutor(useful_workers(None, len(across))) as pool:
-        result = list(pool.map(partial(_Quantity.of, rows), across))
+        result = list(pool.map(partial(_Quantity.from_rows, rows), across))
         selected = [item for item in result if item.used.height]
         tested = (
             item.trend.about.filter(pl.Series(item.trend.enough_flights)) for item in selected if item.trend
         )
-        none = pl.DataFrame(schema=dict.fromkeys(VEHICLE, pl.String))
-        tests = pl.concat([none, *tested]).group_by(VEHICLE).agg(tests=pl.len().cast(pl.Float64))
+        empty = pl.DataFrame(schema=dict.fromkeys(VEHICLE, pl.String))
+        tests = pl.concat([empty, *tested]).group_by(VEHICLE).agg(tests=pl.len().cast(pl.Float64))
         vehicles = list(pool.map(lambda item: item.vehicles(tests), selected))
         types = list(pool.map(_Quantity.types, selected))
         deviating = list(pool.map(lambda item: item.deviating(tests), selected))
@@ -462,18 +462,18 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
         "copies": int((of_motion["verdict"] == fleet_table.COPY).sum()),
         "failed": int((of_motion["verdict"] == fleet_table.FAILED).sum()),
     }
-    together = _differing(_concat(vehicles)) if vehicles else pl.DataFrame()
+    pooled = _differing(_concat(vehicles)) if vehicles else pl.DataFrame()
     return FleetReport(
         motion,
         logs,
         tuple(item.across for item in selected),
-        together,
+        pooled,
         _concat(types),
         _concat([item.omitted() for item in result]),
         _concat([COVARIATES, *(item.covariates() for item in selected)]),
         _concat([DEVIATING, *deviating]).sort("p_value"),
         rows,
-        frozenset((name, known.name) for name, trend in trends for known in trend.used),
+        frozenset((name, covariate.name) for name, trend in trends for covariate in trend.used),
     )
 
 
@@ -487,11 +487,11 @@ def _concat(parts: list[pl.DataFrame]) -> pl.DataFrame:
 
 def _differing(vehicles: pl.DataFrame) -> pl.DataFrame:
     """Vehicles with p-values that count how many vehicles and quantities there are."""
-    known = vehicles["differs_p"].fill_null(np.nan).to_numpy()
-    tested = np.isfinite(known)
-    adjusted = np.ones(known.size)
+    p_values = vehicles["differs_p"].fill_null(np.nan).to_numpy()
+    tested = np.isfinite(p_values)
+    adjusted = np.ones(p_values.size)
     if tested.any():  # the share of false ones among those reported is kept (Benjamini and Hochberg 1995)
-        adjusted[tested] = stats.false_discovery_control(known[tested])
+        adjusted[tested] = stats.false_discovery_control(p_values[tested])
     return vehicles.with_columns(
         differs=pl.Series(adjusted <= LEVEL),
         differs_p=pl.Series(np.where(tested, adjusted, np.nan)).fill_nan(None),
@@ -507,7 +507,7 @@ class _Quantity:
     trend: FleetTrend | None
 
     @classmethod
-    def of(cls, rows: pl.DataFrame, across: AcrossFlights) -> _Quantity:
+    def from_rows(cls, rows: pl.DataFrame, across: AcrossFlights) -> _Quantity:
         marked = rows.with_columns(is_share(across)).with_columns(why=omission_reason(across, rows.columns))
         used = marked.filter(pl.col("why").is_null())
         timed = used.drop_nulls("start")
@@ -558,7 +558,7 @@ class _Quantity:
         return result.about.with_columns(
             pl.Series("course", form.astype(str)),
             *(
-                _known(name, number, result.enough_flights & (stepped | (name not in only_steps)))
+                _known_series(name, number, result.enough_flights & (stepped | (name not in only_steps)))
                 for name, number in numbers.items()
             ),
             pl.when(pl.Series(stepped)).then(self.timed["start"].gather(position)).alias("step_start"),
@@ -585,7 +585,7 @@ class _Quantity:
         form = self.trend.form(counts)
         p_values, line = self.trend.deviations(form)
         groups = self.trend.ordered.groups
-        many = p_values * groups.spread(groups.sizes * counts / FORMS)
+        adjusted = p_values * groups.spread(groups.sizes * counts / FORMS)
         about = np.exp(line) if self.across.logarithm else line
         return (
             self.timed.select(*VEHICLE, "name", "sha256", "start", "hours")
@@ -595,13 +595,13 @@ class _Quantity:
                 std_error=self.timed[f"{self.across.name}.std_error"],
                 **self.timed.select(flight_interval(self.across)).to_dict(),
                 expected=pl.Series(about),
-                p_value=pl.Series(np.minimum(many, 1.0)),
+                p_value=pl.Series(np.minimum(adjusted, 1.0)),
             )
             .filter(pl.col("p_value") <= LEVEL)
         )
 
     def covariates(self) -> pl.DataFrame:
-        """Slopes that the flights reported, type by type; those that they left as expected are none."""
+        """Slopes that the flights identify, type by type; not those that stay at their prior."""
         if self.trend is None or not self.trend.used:
             return COVARIATES
         types = pl.DataFrame({"type": self.trend.sets.str.replace("\n", ", ", literal=True)})
@@ -617,13 +617,13 @@ class _Quantity:
         )
 
 
-def fleet_reports(folder: Path, given: pl.DataFrame | None = None) -> tuple[FleetReport, ...]:
+def fleet_reports(folder: Path, covariates: pl.DataFrame | None = None) -> tuple[FleetReport, ...]:
     """Reports of a folder."""
-    there = fleet_table.read_flights(folder, ["motion"])["motion"].drop_nulls().unique().sort()
-    motions = [motion_by_name(name) for name in there]
-    columns = [name for motion in motions for name in wanted_columns(across_of(motion))]
+    names = fleet_table.read_flights(folder, ["motion"])["motion"].drop_nulls().unique().sort()
+    motions = [motion_by_name(name) for name in names]
+    columns = [name for motion in motions for name in report_columns(across_of(motion))]
     table = fleet_table.read_flights(folder, list(dict.fromkeys(columns)))
-    if given is None:
+    if covariates is None:
         return tuple(fleet_report(table, motion) for motion in motions)
-    table = with_covariates(table, given)
-    return tuple(fleet_report(table, motion, given.columns[1:]) for motion in motions)
+    table = with_covariates(table, covariates)
+    return tuple(fleet_report(table, motion, covariates.columns[1:]) for motion in motions)

@@ -86,16 +86,16 @@ class FractionalDerivative(FractionalOperator):
 
     def differences(self, order: float, step_s: float, /) -> tuple[tuple[float, float, int], ...]:
         scale = step_s**-order
-        made = [(scale, -np.log(step_s) * scale, 0)]
+        terms = [(scale, -np.log(step_s) * scale, 0)]
         for n in range(1, self.terms):  # J. C. P. Miller's recurrence for a power of a series
             c = by_order = 0.0
             for k in range(1, n + 1):
-                before, slope, _ = made[n - k]
+                coefficient, slope, _ = terms[n - k]
                 factor = (k * order - n + k) / (n * (k + 1.0))
-                c += factor * before
-                by_order += factor * slope + k / (n * (k + 1.0)) * before
-            made.append((c, by_order, n))
-        return tuple(made)
+                c += factor * coefficient
+                by_order += factor * slope + k / (n * (k + 1.0)) * coefficient
+            terms.append((c, by_order, n))
+        return tuple(terms)
 
 
 #: Points of the unit circle, from so near to one on, at which the equation's roots are counted.
@@ -128,12 +128,12 @@ class Side:
     @property
     def growing_modes(self) -> int:
         """Roots inside the unit circle of z^-1: each is a mode of the output that grows."""
-        shared = min(order for _, order, _ in self.terms)
+        lowest = min(order for _, order, _ in self.terms)
         angles = np.geomspace(NEAREST_ANGLE, np.pi, CIRCLE_POINTS)
         back = np.exp(-1j * angles)
-        turned = np.unwrap(np.angle(self.response(back) / (1.0 - back) ** shared))
+        phase = np.unwrap(np.angle(self.response(back) / (1.0 - back) ** lowest))
         # From one back to one below the real axis is the mirror image: twice the half circle.
-        return abs(round(float(turned[-1] - turned[0]) / np.pi))
+        return abs(round(float(phase[-1] - phase[0]) / np.pi))
 
 
 LARGEST_ORDER = 3.0
@@ -233,18 +233,18 @@ class FractionalTerm:
         return (order.low, order.high) if isinstance(order, UnknownOrder) else (float(order), float(order))
 
 
-def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
+def terms_of(name: str, parts: object) -> tuple[FractionalTerm, ...]:
     """Terms from a sequence of them, of orders, or of both."""
     kinds = (FractionalTerm, UnknownOrder, *checks.NUMBERS)
-    if not isinstance(given, tuple | list) or not given or not all(isinstance(item, kinds) for item in given):
+    if not isinstance(parts, tuple | list) or not parts or not all(isinstance(item, kinds) for item in parts):
         expected = f"one term or more for {name}: orders, unknown orders, or FractionalTerm(order, lag)"
-        raise UsageError(expected, checks.described(given), "Give (0.0, 0.5), for example.")
-    terms = tuple(item if isinstance(item, FractionalTerm) else FractionalTerm(item) for item in given)
+        raise UsageError(expected, checks.described(parts), "Give (0.0, 0.5), for example.")
+    terms = tuple(item if isinstance(item, FractionalTerm) else FractionalTerm(item) for item in parts)
     for entry, other in combinations(terms, 2):
         # one column where lags are the same and an order is in both: two ranges may touch
-        (low, high), (least, largest) = entry.range, other.range
-        shared, both_ranges = min(high, largest) - max(low, least), low < high and least < largest
-        if entry.lag == other.lag and (shared > 0.0 if both_ranges else shared >= 0.0):
+        (low, high), (smallest, largest) = entry.range, other.range
+        overlap, both_ranges = min(high, largest) - max(low, smallest), low < high and smallest < largest
+        if entry.lag == other.lag and (overlap > 0.0 if both_ranges else overlap >= 0.0):
             expected = f"terms of different orders or lags for {name}, in ranges that do not meet"
             received = f"orders {_span(entry)} and {_span(other)} at lag {entry.lag}"
             remedy = "Where orders are equal their columns are one: leave a term out, or narrow the range."
@@ -257,20 +257,20 @@ def _span(term: FractionalTerm) -> str:
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
-#: Series by channel, order, and whether they are the derivative by it; of order zero the channel itself.
-Kept = dict[tuple[str, float, bool], Float[np.ndarray, " n"]]
+#: Filtered series by channel, order, and whether they are the derivative by the order.
+SeriesCache = dict[tuple[str, float, bool], Float[np.ndarray, " n"]]
 
 
 @dataclass(frozen=True)
 class FilteredSignals:
-    """Channels behind the operators of one equation."""
+    """Channels filtered by the operators of one equation."""
 
     signals: Signals
     operator: FractionalOperator
     known_orders: frozenset[float] = frozenset()
     both_sides: Float[np.ndarray, " m"] = field(default_factory=lambda: np.ones(1))
-    _series: Kept = field(default_factory=dict, init=False, repr=False)
-    _noises: Kept = field(default_factory=dict, init=False, repr=False)
+    _series: SeriesCache = field(default_factory=dict, init=False, repr=False)
+    _noises: SeriesCache = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         valid, offset = self.signals.valid, self.signals.offset
@@ -293,7 +293,7 @@ class FilteredSignals:
             raise TooFewSamplesError(expected, f"{self.count}", "Give a longer record or fewer lags.")
         total: Float[np.ndarray, " rows"] = np.zeros(self.count - first)
         for part in column:
-            series = self._behind(self._series, part, self.signals.channel)
+            series = self._filtered(self._series, part, self.signals.channel)
             total += part.gain * series[first - part.lag : self.count - part.lag]
         return total
 
@@ -301,7 +301,7 @@ class FilteredSignals:
         self, left: Sequence[Column], right: Sequence[FractionalColumn], first: int
     ) -> Float[np.ndarray, "left right"]:
         """Average covariance of the noises of plain columns with those of fractional ones, C of (29)."""
-        shared = np.zeros((len(left), len(right)))
+        covariance = np.zeros((len(left), len(right)))
         for channel in channels_of(right):
             selected = [i for i, column in enumerate(left) if column.channel == channel]
             if not selected:
@@ -314,9 +314,9 @@ class FilteredSignals:
                     received = f"{left[i].name} times '{left[i].gain_channel}'"
                     raise UsageError(expected, received, "Leave the gain out.")
                 lag = left[i].lag
-                seen = base[: max(self.count - lag, 0)]
-                shared[i] += left[i].gain * (seen @ noises[lag : lag + seen.size])
-        return shared
+                weights = base[: max(self.count - lag, 0)]
+                covariance[i] += left[i].gain * (weights @ noises[lag : lag + weights.size])
+        return covariance
 
     def noise_covariance(
         self, columns: Sequence[FractionalColumn], first: int
@@ -329,7 +329,7 @@ class FilteredSignals:
         return 0.5 * (total + total.T)
 
     def _share_of_rows(self, first: int) -> Float[np.ndarray, " n"]:
-        """Share of the rows in which a term so many samples back is there."""
+        """Share of the rows that a noise sample of each age enters."""
         return np.minimum(1.0, (self.count - np.arange(self.count)) / (self.count - first))
 
     def _noise_of(self, channel: str, columns: Sequence[FractionalColumn]) -> Float[np.ndarray, "n columns"]:
@@ -337,8 +337,8 @@ class FilteredSignals:
         for index, column in enumerate(columns):
             for part in column:
                 if part.channel == channel:
-                    behind = self._behind(self._noises, part, self._moving_average)
-                    series = behind[: max(self.count - part.lag, 0)]
+                    filtered = self._filtered(self._noises, part, self._moving_average)
+                    series = filtered[: max(self.count - part.lag, 0)]
                     weights[part.lag : part.lag + series.size, index] += part.gain * series
         return weights
 
@@ -354,22 +354,22 @@ class FilteredSignals:
         weights = noise.moving_average(self.count)
         return weights[: int(np.flatnonzero(weights).max(initial=0)) + 1]  # one weight of white noise
 
-    def _behind(
-        self, kept: Kept, part: FractionalPart, of: Callable[[str], Float[np.ndarray, " _"]]
+    def _filtered(
+        self, cache: SeriesCache, part: FractionalPart, source: Callable[[str], Float[np.ndarray, " _"]]
     ) -> Float[np.ndarray, " _"]:
-        """A channel, or its noise, behind the operator of a part; kept for known orders."""
-        order = order_at(part.order, {})  # of a part is known
+        """A channel, or its noise, filtered by the operator of a part; cached for known orders."""
+        order = order_at(part.order, {})  # orders of parts are known
         key = (part.channel, order, part.by_order)
-        if key in kept:
-            return kept[key]
+        if key in cache:
+            return cache[key]
         if order == 0.0 and not part.by_order:
-            result = in_a_row(self.both_sides, of(part.channel))
+            result = in_a_row(self.both_sides, source(part.channel))
         else:
-            made = self.operator.slope if part.by_order else self.operator.weights
-            weights = made(order, self.count, self.signals.step_s)
-            result = in_a_row(weights, self._behind(kept, FractionalPart(part.channel), of))
+            weights_of = self.operator.slope if part.by_order else self.operator.weights
+            weights = weights_of(order, self.count, self.signals.step_s)
+            result = in_a_row(weights, self._filtered(cache, FractionalPart(part.channel), source))
         if order in {0.0, *self.known_orders}:
-            kept[key] = result
+            cache[key] = result
         return result
 
 
@@ -425,8 +425,8 @@ class FractionalRegression(LinearProblem):
 
     def instruments_share_noise(self) -> bool:
         declared = self.filtered.signals.noise
-        known = tuple(column for column in self.instrument_columns if column.channel in declared)
-        return bool(np.any(self.filtered.shared_noise(known, self._columns, self.first)))
+        noisy = tuple(column for column in self.instrument_columns if column.channel in declared)
+        return bool(np.any(self.filtered.shared_noise(noisy, self._columns, self.first)))
 
 
 #: Values of an order at which its search begins.
@@ -456,16 +456,16 @@ class FractionalProblem(LinearisableProblem):
         )
 
     def linearised(self, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalRegression:
-        known = self.regression(nuisances)
-        orders, changes = tuple(nuisance.parameter for nuisance in self.nuisances), []
+        base = self.regression(nuisances)
+        orders, slopes = tuple(nuisance.parameter for nuisance in self.nuisances), []
         for parameter in orders:
             parts = (
                 replace(term.at(nuisances), by_order=True, gain=value * term.gain)
                 for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
                 if isinstance(term.order, UnknownOrder) and term.order.name == parameter.name
             )
-            changes.append(tuple(parts))
-        return replace(known, parameters=self.parameters + orders, regressors=(*known.regressors, *changes))
+            slopes.append(tuple(parts))
+        return replace(base, parameters=self.parameters + orders, regressors=(*base.regressors, *slopes))
 
     def bins(self, nuisances: Values) -> SpectralRegression:
         """Nothing: an operator's memory does not end with a run."""
@@ -576,7 +576,7 @@ class FractionalDifferenceModel:
             signals.channel(channel)
         both_sides = np.ones(1)
         if divided_by_output_at is not None:
-            both_sides = self._solved_for_output(
+            both_sides = self._output_filter(
                 divided_by_output_at, signals.sample_count, rate_hz=signals.rate_hz
             )
         orders_of_terms = [term.order for term in self._every]
@@ -614,7 +614,7 @@ class FractionalDifferenceModel:
             unstable: the response would grow without bound.
         """
         checks.counted("count", count, 1, "one sample or more", "Give the length of the response.")
-        inverse = self._solved_for_output(parameters, count, rate_hz=rate_hz)
+        inverse = self._output_filter(parameters, count, rate_hz=rate_hz)
         return filtered(inverse, self._side("input", parameters, rate_hz).weights(count))
 
     def simulate(self, parameters: Parameters, driven: Series, *, rate_hz: float = 1.0) -> Series:
@@ -697,16 +697,16 @@ class FractionalDifferenceModel:
                 part = FractionalPart(side, term.order, term.lag, sign)
                 yield Parameter(f"{side}_coefficient_{number}"), part
 
-    def _solved_for_output(self, parameters: Parameters, count: int, *, rate_hz: float) -> Series:
-        """Weights of the filter that undoes the output's side."""
-        left = self._side("output", parameters, rate_hz)
-        weights = left.weights(count)
-        largest = max(abs(coefficient) for coefficient, _, _ in left.terms)
+    def _output_filter(self, parameters: Parameters, count: int, *, rate_hz: float) -> Series:
+        """Weights of the inverse filter of the output's side."""
+        side = self._side("output", parameters, rate_hz)
+        weights = side.weights(count)
+        largest = max(abs(coefficient) for coefficient, _, _ in side.terms)
         if abs(weights[0]) <= LEAST_OWN_COEFFICIENT * largest:
             expected = "an equation that can be solved for the newest output"
             remedy = "Give the output a term without a lag, and coefficients that do not cancel."
             raise ParameterError(expected, f"a coefficient of {weights[0]:.3g} before y(k)", remedy)
-        growing = left.growing_modes
+        growing = side.growing_modes
         if growing:
             received = f"one with {growing} growing mode{'s' if growing > 1 else ''}"
             remedy = "Check the signs of the coefficients, and that orders are below two."

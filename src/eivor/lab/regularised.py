@@ -25,7 +25,7 @@ class ReducedProblem:
 
     R: Float[np.ndarray, "n n"]  # triangular factor of the scaled or whitened columns
     right: Float[np.ndarray, " n"]
-    outside: float  # square of the right-hand side that R does not reach
+    outside: float  # squared norm of the right-hand side outside the range of R
     shift: float  # sigma^2
     towards: Float[np.ndarray, " n"]
     equations: float  # number of equations that R is the root of
@@ -43,8 +43,8 @@ class ReducedProblem:
         below = -(a / upper) * self.towards
         return tls.solve_augmented(self.R, self.right, upper, (self.shift - a) / upper, below=below)
 
-    def kept(self, parameters: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """Number of parameters that are left, of n."""
+    def effective(self, parameters: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """Effective number of parameters, of n."""
         powers = (np.linalg.svd(self.R, compute_uv=False) ** 2 - self.shift) / self.unit
         return np.sum(powers / (powers + parameters[:, None]), axis=1)
 
@@ -62,7 +62,7 @@ class ReducedProblem:
         x = target + powers / (powers + parameters[:, None] * self.unit) * (s * beta / powers - target)
         misfits = self.outside + np.sum((beta - s * x) ** 2, axis=1)
         misfits /= 1.0 + self.column_errors * np.sum(x**2, axis=1)
-        return float(parameters[np.argmin(misfits / (self.equations - self.kept(parameters)) ** 2)])
+        return float(parameters[np.argmin(misfits / (self.equations - self.effective(parameters)) ** 2)])
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Tikhonov:
         chosen = "gcv" if self.parameter is None else "given"
         parameter = problem.cross_validated() if self.parameter is None else float(self.parameter)
         theta = back(problem.solution(parameter))
-        kept = float(problem.kept(np.array([parameter]))[0])
+        kept = float(problem.effective(np.array([parameter]))[0])
         return theta, Shrinkage(chosen, parameter, kept, theta - back(problem.solution(0.0)))
 
 
@@ -134,8 +134,8 @@ class RegularisedTotalLeastSquares(tls.ErrorsInColumns):
         if not split.noisy.size:
             return split.solution(split.theta(np.empty(0)))
         towards = split.whitened(self.scheme.vector(system.matrix.shape[1]))
-        left = system.equations - split.exact.size
-        problem = ReducedProblem(split.R, split.right, split.outside, split.smallest**2, towards, left, 1.0)
+        count = system.equations - split.exact.size
+        problem = ReducedProblem(split.R, split.right, split.outside, split.smallest**2, towards, count, 1.0)
         return split.solution(*self.scheme.solve(problem, split.theta))
 
 

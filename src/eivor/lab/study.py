@@ -120,28 +120,28 @@ class MethodChoice:
             raise UsageError(expected, received, remedy)
         if self.lags is not None:
             lags(self.channel, *self.lags)
-        for what, value, usual, fitting in (
+        for setting, value, usual, fitting in (
             ("weighting", self.weighting, "unweighted", WEIGHTED),
             ("strength", self.strength, 1.0, STRENGTHS),
         ):
             if value != usual and self.name not in fitting:
-                given = f"'{value}'" if isinstance(value, str) else f"{value:g}"
-                expected = f"a {what} for {' or '.join(fitting)} only"
-                raise UsageError(expected, f"{given} for '{self.name}'", "Leave it out.")
-        made = self.method  # refuses a strength out of range, and what cannot be regularised
-        if self.regularisation is not None and not isinstance(made, LinearMethod | ShrunkTowards):
+                text = f"'{value}'" if isinstance(value, str) else f"{value:g}"
+                expected = f"a {setting} for {' or '.join(fitting)} only"
+                raise UsageError(expected, f"{text} for '{self.name}'", "Leave it out.")
+        method = self.method  # refuses a strength out of range, and what cannot be regularised
+        if self.regularisation is not None and not isinstance(method, LinearMethod | ShrunkTowards):
             raise UsageError("a regularisation of a linear method", f"one of '{self.name}'", "Leave it out.")
 
     @property
     def method(self) -> Method:
         make: Callable[..., Method] = getattr(methods, self.name)
         if self.name in WEIGHTED:
-            made = make(WEIGHTINGS[self.weighting]())
+            result = make(WEIGHTINGS[self.weighting]())
         else:
-            made = make(self.strength) if self.name in STRENGTHS else make()
-        if self.regularisation is None or not isinstance(made, LinearMethod):
-            return made
-        return regularised(made, self.regularisation.parameter, TARGETS[self.regularisation.towards])
+            result = make(self.strength) if self.name in STRENGTHS else make()
+        if self.regularisation is None or not isinstance(result, LinearMethod):
+            return result
+        return regularised(result, self.regularisation.parameter, TARGETS[self.regularisation.towards])
 
     @property
     def is_plain(self) -> bool:
@@ -191,8 +191,8 @@ class Study:
     def shard_trials(self) -> int:
         """Trials of a shard: more where they take microseconds."""
         alike = not self.intervals and all(choice.is_plain for choice in self.methods)
-        most = min(MOST_SHARD_TRIALS, MOST_SHARD_SAMPLES // self.experiment.samples)
-        return max(SHARD_TRIALS, most * alike)
+        largest = min(MOST_SHARD_TRIALS, MOST_SHARD_SAMPLES // self.experiment.samples)
+        return max(SHARD_TRIALS, largest * alike)
 
     @property
     def identity(self) -> str:
@@ -239,7 +239,7 @@ def trial(study: Study, index: int, known: Row | None = None) -> Row:
             if row[f"{choice.label}.status"] is not None:
                 continue
             try:
-                row |= _estimated(study, choice, record())
+                row |= _estimate(study, choice, record())
             except MemoryError:
                 raise
             except Exception as error:  # noqa: BLE001 - whatever breaks a record or a method is its result
@@ -264,14 +264,14 @@ def failure(study: Study, index: int, label: str) -> str:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         try:
-            _estimated(study, choice, study.experiment.record(study.rng(index)))
+            _estimate(study, choice, study.experiment.record(study.rng(index)))
         except Exception as error:  # noqa: BLE001 - its message is what is asked for
             return f"{type(error).__name__}: {error}"
     return ""
 
 
-def _estimated(study: Study, choice: MethodChoice, signals: Signals) -> Row:
-    """What a method says of a record."""
+def _estimate(study: Study, choice: MethodChoice, signals: Signals) -> Row:
+    """Status and estimates of a method on a record."""
     if choice.known_noise is not None:
         signals = replace(signals, noise={name: signals.noise[name] for name in choice.known_noise})
     estimate = identify(study.experiment.problem(signals, choice.instruments), choice.method)
@@ -293,14 +293,14 @@ CACHED = 400_000
 TRIALS_AT_ONCE = 250
 #: Equations of a larger condition are solved one by one: ways agree to some times its product with rounding.
 PLAIN_CONDITION = 1e3
-#: What is so near to a limit is decided one by one.
+#: Trials so near to a limit are solved one by one.
 MARGIN = 1e-6
 
 Stack = Float[np.ndarray, "trials _ _"]
 
 
 def side_by_side(study: Study, numbers: Sequence[int]) -> list[Row]:
-    """Trials as `trial` computes them, to rounding; a method's that is in any doubt is computed by it."""
+    """Trials solved together, equal to `trial` to rounding; `trial` computes those in doubt."""
     records, none = None, dict.fromkeys(schema(study))
     if len(numbers) > 1 and any(choice.is_plain for choice in study.methods) and not study.intervals:
         with suppress(EivorError, ArithmeticError, ValueError, LookupError), warnings.catch_warnings():
@@ -313,7 +313,7 @@ def side_by_side(study: Study, numbers: Sequence[int]) -> list[Row]:
         solved = np.full((len(numbers), len(study.parameters)), np.nan)
         # whatever breaks all of them breaks each
         with suppress(EivorError, ArithmeticError, np.linalg.LinAlgError), np.errstate(all="ignore"):
-            solved = _solved(study, choice, records)
+            solved = _solve(study, choice, records)
         names = [f"{choice.label}.status", *(f"{choice.label}.{name}" for name in study.parameters)]
         for row, values in zip(rows, solved.tolist(), strict=True):
             if all(map(math.isfinite, values)):
@@ -325,7 +325,7 @@ def side_by_side(study: Study, numbers: Sequence[int]) -> list[Row]:
     ]
 
 
-def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.ndarray, "trials parameters"]:
+def _solve(study: Study, choice: MethodChoice, records: Records) -> Float[np.ndarray, "trials parameters"]:
     """Parameters of every trial by one method; NaN where a trial is in doubt."""
     method, (signals, channels) = cast("LinearMethod", choice.method), records
     if choice.known_noise is not None:
@@ -346,7 +346,7 @@ def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.nd
             if gain != 1.0:
                 data[:, index] *= gain
         if not assembler.moment_equations:
-            root, plain = _root(data.swapaxes(1, 2)), np.ones(len(data), dtype=np.bool_)
+            root, sound = _root(data.swapaxes(1, 2)), np.ones(len(data), dtype=np.bool_)
             S = problem.declared_noise()
         else:
             # no array times itself: BLAS would take another way, which is slower for few columns
@@ -354,15 +354,15 @@ def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.nd
             gram = (data[:, tested:-1] @ data[:, tested:].swapaxes(1, 2) / count)[..., :-1]
             noise, cross = assembler.noise(problem), products[..., tested:]
             equations = cross if noise is None else cross - noise
-            plain = _is_strong(products[..., : products.shape[1]], cross[..., :-1], gram, count, noise)
+            sound = _is_strong(products[..., : products.shape[1]], cross[..., :-1], gram, count, noise)
             if assembler.takes_out_own_noise:
                 scale = 1.0 / np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
                 scaled = scale[:, :, None] * equations[..., :-1] * scale[:, None]
-                plain &= np.linalg.eigvalsh(scaled)[:, 0] > MARGIN
+                sound &= np.linalg.eigvalsh(scaled)[:, 0] > MARGIN
             root, S = _root(equations), None
         of_noise = isinstance(method.solver, AugmentedTotalLeastSquares)
         theta = _total_least_squares(root, S) if of_noise else _least_squares(root)
-        results.append(np.where(plain[:, None], theta, np.nan))
+        results.append(np.where(sound[:, None], theta, np.nan))
     return np.concatenate(results)
 
 
@@ -388,59 +388,59 @@ def _total_least_squares(
     S = np.eye(n + 1) if S is None else S
     exact, noisy = np.flatnonzero(np.diag(S)[:-1] == 0.0), np.flatnonzero(np.diag(S) > 0.0)
     k, q = exact.size, noisy.size - 1
-    plain = _least_squares(root)
+    unweighted = _least_squares(root)
     if noisy.size == 0 or k == n:
-        return plain
+        return unweighted
     if noisy[-1] != n or root.shape[1] < n + 1:
-        return np.full_like(plain, np.nan)
+        return np.full_like(unweighted, np.nan)
     ordered = _root(root[:, :, np.concatenate([exact, noisy])])
     L = np.linalg.cholesky(S[np.ix_(noisy, noisy)])
-    left = _root(ordered[:, k:, k:] @ np.linalg.inv(L).T)
-    smallest = np.linalg.svd(left, compute_uv=False)[:, -1:]
-    U, singular, Vt = np.linalg.svd(left[:, :q, :q])
+    remainder = _root(ordered[:, k:, k:] @ np.linalg.inv(L).T)
+    smallest = np.linalg.svd(remainder, compute_uv=False)[:, -1:]
+    U, singular, Vt = np.linalg.svd(remainder[:, :q, :q])
     gains = singular / ((singular - smallest) * (singular + smallest))
-    projected = (U.swapaxes(1, 2) @ left[:, :q, q:])[..., 0]
+    projected = (U.swapaxes(1, 2) @ remainder[:, :q, q:])[..., 0]
     whitened = (Vt.swapaxes(1, 2) @ (gains * projected)[..., None])[..., 0]
-    direction = (np.column_stack([whitened, -np.ones(len(left))])[:, None] @ np.linalg.inv(L))[:, 0]
-    theta = np.empty((len(left), n))
+    direction = (np.column_stack([whitened, -np.ones(len(remainder))])[:, None] @ np.linalg.inv(L))[:, 0]
+    theta = np.empty((len(remainder), n))
     theta[:, noisy[:-1]] = -direction[:, :-1] / direction[:, -1:]
     if k:
         right = ordered[:, :k, n:] - ordered[:, :k, k:n] @ theta[:, noisy[:-1], None]
         theta[:, exact] = np.linalg.solve(ordered[:, :k, :k], right)[..., 0]
-    return np.where((smallest < 0.9 * singular[:, -1:]) & np.isfinite(plain), theta, np.nan)
+    return np.where((smallest < 0.9 * singular[:, -1:]) & np.isfinite(unweighted), theta, np.nan)
 
 
 def _is_strong(
     instruments: Stack, cross: Stack, gram: Stack, rows: int, noise: Float[np.ndarray, "p n_plus_1"] | None
 ) -> Bool[np.ndarray, " trials"]:
-    """Whether instruments are strong without any doubt, and no noise is overstated."""
+    """Whether instruments are strong by a margin, and no noise is overstated."""
     available, count = cross.shape[1:]
     degrees = available - count + 1
-    shared = np.zeros(cross.shape[1:]) if noise is None else noise[:, :-1]
+    covariance = np.zeros(cross.shape[1:]) if noise is None else noise[:, :-1]
     if degrees < 1 or rows <= available:
         return np.zeros(len(cross), dtype=np.bool_)
     powers = np.diagonal(instruments, axis1=1, axis2=2)
     scale = np.sqrt(powers)[:, :, None]
     whitened = np.linalg.inv(instruments / (scale * scale.swapaxes(1, 2)))
     spread = np.trace(whitened, axis1=1, axis2=2)
-    moved, noises = (cross - shared) / scale, shared / scale
-    projected = moved.swapaxes(1, 2) @ whitened
-    inverse = np.linalg.inv(projected @ moved)
+    corrected, noises = (cross - covariance) / scale, covariance / scale
+    projected = corrected.swapaxes(1, 2) @ whitened
+    inverse = np.linalg.inv(projected @ corrected)
     explained = 1.0 / np.diagonal(inverse, axis1=1, axis2=2)
-    total, both = (
+    total, mixed = (
         np.diagonal(inverse @ middle @ inverse, axis1=1, axis2=2) * explained**2
         for middle in (gram, projected @ noises)
     )
-    unexplained = total - explained - 2.0 * both
+    unexplained = total - explained - 2.0 * mixed
     strong = explained / degrees > (1.0 + MARGIN) * STRONG_FIRST_STAGE * unexplained / (rows - available)
     squares = powers[:, :, None] * np.diagonal(gram, axis1=1, axis2=2)[:, None]
     same = cross**2 >= (1.0 - 2.0 * SAME_COLUMN) * squares
-    overstated = same & (shared * np.sign(cross) >= (1.0 - MARGIN) * np.abs(cross))
+    overstated = same & (covariance * np.sign(cross) >= (1.0 - MARGIN) * np.abs(cross))
     sound = (spread > 0.0) & (spread < PLAIN_CONDITION**2)
     return sound & strong.all(axis=1) & ~overstated.any(axis=(1, 2))
 
 
-#: Packages whose versions bear on the bytes.
+#: Packages whose versions may change the results.
 PACKAGES = ("eivor", "numpy", "scipy", "polars")
 IDENTITY_FILE = "study.json"
 TABLE_FILE = "trials.parquet"
@@ -465,9 +465,9 @@ class TrialShards:
 
     def missing(self) -> list[int]:
         """Shards that are not there, or not whole, in order."""
-        return [number for number in range(self.count) if not self._whole(number)]
+        return [number for number in range(self.count) if not self._is_complete(number)]
 
-    def _whole(self, number: int) -> bool:
+    def _is_complete(self, number: int) -> bool:
         """Whether a shard's file holds its trials, to the bit."""
         try:
             return atomic_file.is_sealed(self.path(number).read_bytes(), self._facts(number))
@@ -495,9 +495,9 @@ class TrialShards:
         with report_study_errors(self.folder):
             # In two steps: thousands of small tables at once take many times the memory of one large one.
             groups = []
-            together = atomic_file.GROUP_ROWS // self.study.shard_trials  # a row group's
-            for start in range(0, self.count, together):
-                numbers = range(start, min(self.count, start + together))
+            group_size = atomic_file.GROUP_ROWS // self.study.shard_trials  # a row group's
+            for start in range(0, self.count, group_size):
+                numbers = range(start, min(self.count, start + group_size))
                 groups.append(pl.concat([self._read(number) for number in numbers], rechunk=True))
             table = pl.concat(groups, rechunk=True)
             atomic_file.write_atomically(self.folder / TABLE_FILE, atomic_file.parquet_bytes(table))
@@ -517,8 +517,8 @@ def open_folder(study: Study, folder: Path) -> TrialShards:
         if folder.exists() and not folder.is_dir():
             raise UsageError("a folder for the study", f"the file '{folder}'", "Choose another.")
         shards.path(0).parent.mkdir(parents=True, exist_ok=True)
-        for item in (folder, shards.path(0).parent):
-            atomic_file.remove_abandoned(item)
+        for path in (folder, shards.path(0).parent):
+            atomic_file.remove_abandoned(path)
         document = {
             "name": study.name,
             "identity": study.identity,
@@ -526,18 +526,18 @@ def open_folder(study: Study, folder: Path) -> TrialShards:
             "runs": study.runs,
             "versions": {package: version(package) for package in PACKAGES},
         }
-        before = _document(folder)
-        if before is not None:
-            _check_same(shards, document, before)
-            document["versions"] = before["versions"]  # those that computed the trials, whoever looks at them
-        if document != before:
+        stored = _read_document(folder)
+        if stored is not None:
+            _check_same(shards, document, stored)
+            document["versions"] = stored["versions"]  # those that computed the trials, whoever looks at them
+        if document != stored:
             atomic_file.write_atomically(
                 folder / IDENTITY_FILE, (json.dumps(document, indent=2) + "\n").encode()
             )
     return shards
 
 
-def _document(folder: Path) -> Mapping[str, object] | None:
+def _read_document(folder: Path) -> Mapping[str, object] | None:
     path = folder / IDENTITY_FILE
     if not path.exists():
         if (folder / TABLE_FILE).exists() or any((folder / "shards").glob("*.parquet")):
@@ -554,29 +554,29 @@ def _document(folder: Path) -> Mapping[str, object] | None:
     return document
 
 
-def _check_same(shards: TrialShards, document: Mapping[str, object], before: Mapping[str, object]) -> None:
+def _check_same(shards: TrialShards, document: Mapping[str, object], stored: Mapping[str, object]) -> None:
     name = shards.folder
-    if any(document[key] != before.get(key) for key in ("identity", "shard_trials")):
+    if any(document[key] != stored.get(key) for key in ("identity", "shard_trials")):
         raise UsageError(
             f"a new folder, or one of the study '{shards.study.name}'",
-            f"'{name}', which holds the study '{before.get('name')}' with another experiment, other methods "
+            f"'{name}', which holds the study '{stored.get('name')}' with another experiment, other methods "
             "or another seed",
             "Choose another folder with --out, or delete this one.",
         )
-    held, runs = before["runs"], shards.study.runs
-    if not isinstance(held, int) or held > runs:
-        expected = f"at least {held} runs, as many as '{name}' was begun with"
+    begun_runs, runs = stored["runs"], shards.study.runs
+    if not isinstance(begun_runs, int) or begun_runs > runs:
+        expected = f"at least {begun_runs} runs, as many as '{name}' was begun with"
         raise UsageError(expected, f"{runs}", "Ask for as many or more, or choose another folder.")
-    if document["versions"] != before["versions"] and shards.missing():
+    if document["versions"] != stored["versions"] and shards.missing():
         raise InputError(
-            f"the versions that '{name}' was begun with: {_listed(before['versions'])}",
-            _listed(document["versions"]),
+            f"the versions that '{name}' was begun with: {_versions_text(stored['versions'])}",
+            _versions_text(document["versions"]),
             "Trials of different versions need not agree to the bit, so they are never put together. Begin "
             "anew in another folder with --out, delete this one, or install those versions.",
         )
 
 
-def _listed(versions: object) -> str:
+def _versions_text(versions: object) -> str:
     pairs = versions.items() if isinstance(versions, dict) else ()
     return ", ".join(f"{package} {number}" for package, number in pairs)
 
@@ -612,10 +612,10 @@ def study_executor(study: Study, workers: int | None) -> Executor:
         for numbers in (range(1), range(min(study.runs, SHARD_TRIALS))):  # the first loads what they need
             start_s = time.perf_counter()
             side_by_side(study, numbers)
-            each = (time.perf_counter() - start_s) / len(numbers)
-            if each * SHARD_TRIALS > WORTH_PROCESSES_S:
+            trial_s = (time.perf_counter() - start_s) / len(numbers)
+            if trial_s * SHARD_TRIALS > WORTH_PROCESSES_S:
                 break
-        if each * study.runs < WORTH_PROCESSES_S:
+        if trial_s * study.runs < WORTH_PROCESSES_S:
             return InProcess()
     return local_executor(workers, tasks=-(-study.runs // study.shard_trials))
 
@@ -623,16 +623,16 @@ def study_executor(study: Study, workers: int | None) -> Executor:
 def run_study(
     study: Study, folder: Path, *, executor: Executor | None = None, progress: ItemsDone = no_items_callback
 ) -> StudyResult:
-    """Run what is left of a study."""
+    """Run the shards of a study that are missing."""
     shards = open_folder(study, folder)
     missing = shards.missing()
-    done = study.runs - sum(len(shard_trials(study, number)) for number in missing)
-    progress(done, study.runs)
+    completed = study.runs - sum(len(shard_trials(study, number)) for number in missing)
+    progress(completed, study.runs)
     with closing((executor or InProcess()).map(partial(_shard, study), missing)) as results:
-        for item, trials in results:
-            shards.write(missing[item], trials)
-            done += len(trials)
-            progress(done, study.runs)
+        for index, trials in results:
+            shards.write(missing[index], trials)
+            completed += len(trials)
+            progress(completed, study.runs)
     return StudyResult(study, folder, shards.consolidate())
 
 
@@ -640,13 +640,13 @@ def run_study(
 class Share:
     """A share of trials, with its binomial error."""
 
-    hits: int  # Trials that did, and all
-    count: int
+    hits: int  # Successful trials
+    count: int  # All trials
     level: float = 0.95  # Confidence level of the interval
 
     @property
     def value(self) -> float:
-        """Hits per count; NaN of nothing."""
+        """Hits per count; NaN without trials."""
         return self.hits / self.count if self.count else float("nan")
 
     @property
@@ -677,7 +677,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class ParameterScore:
-    """How a method did on one parameter."""
+    """Errors of a method in one parameter."""
 
     name: str
     truth: float
@@ -690,7 +690,7 @@ class ParameterScore:
 
 @dataclass(frozen=True, slots=True)
 class MethodScore:
-    """How a method did."""
+    """Errors of a method."""
 
     label: str
     trials: int
@@ -707,11 +707,11 @@ def scores(result: StudyResult) -> tuple[MethodScore, ...]:
 
 
 def trial_nrmse(result: StudyResult, label: str, parameter: str = TOGETHER) -> Float[np.ndarray, " trials"]:
-    """NRMSE of each trial in which a method gave an estimate, in percent: what histograms show."""
+    """NRMSE of each trial in which a method gave an estimate, in percent."""
     truth = dict(result.study.experiment.truth)
     names = tuple(truth) if parameter == TOGETHER else (parameter,)
-    kept = result.trials.filter(pl.col(f"{label}.status") != FAILED)
-    errors = np.column_stack([kept[f"{label}.{name}"].to_numpy() - truth[name] for name in names])
+    solved = result.trials.filter(pl.col(f"{label}.status") != FAILED)
+    errors = np.column_stack([solved[f"{label}.{name}"].to_numpy() - truth[name] for name in names])
     size = np.linalg.norm([truth[name] for name in names])
     with np.errstate(divide="ignore", invalid="ignore"):  # a truth of zero has no relative error
         relative: Float[np.ndarray, " trials"] = 100.0 * np.linalg.norm(errors, axis=1) / size
@@ -734,12 +734,12 @@ def _score(result: StudyResult, label: str) -> MethodScore:
 
 def _parameter_score(result: StudyResult, label: str, name: str) -> ParameterScore:
     truth = result.study.experiment.truth[name]
-    kept = result.trials.filter(pl.col(f"{label}.status") != FAILED)
-    values = kept[f"{label}.{name}"].to_numpy()
+    solved = result.trials.filter(pl.col(f"{label}.status") != FAILED)
+    values = solved[f"{label}.{name}"].to_numpy()
     error = spread_of(values - truth)
     coverage = None
     if result.study.intervals:
-        low, high = (kept[f"{label}.{name}.{end}"].to_numpy() for end in ("low", "high"))
+        low, high = (solved[f"{label}.{name}.{end}"].to_numpy() for end in ("low", "high"))
         coverage = Share(int(((low <= truth) & (truth <= high)).sum()), len(values))
     rmse = float(np.sqrt(np.mean((values - truth) ** 2))) if len(values) else float("nan")
     nrmse = spread_of(trial_nrmse(result, label, name))

@@ -88,44 +88,44 @@ class Head:
         return result if all(abs(item) < 1 << 32 for item in result) else (default,)
 
     def constant(self, predictor: int) -> int:
-        """What a predictor adds to a field of every frame."""
+        """Constant that a predictor adds to a field of every frame."""
         key, default = CONSTANTS.get(predictor, ("", 0))
         return int(self.numbers(key, default)[0])
 
 
-def _head(data: bytes, begins: int, end: int, name: str) -> Head:
+def _parse_head(data: bytes, begins: int, end: int, name: str) -> Head:
     values: dict[str, str] = {}
-    at = begins
-    while data.startswith(b"H ", at):
-        line = data.find(b"\n", at, min(at + LINE_BYTES, end))
-        if line < 0:
+    offset = begins
+    while data.startswith(b"H ", offset):
+        line_end = data.find(b"\n", offset, min(offset + LINE_BYTES, end))
+        if line_end < 0:
             break
-        key, _, value = data[at + 2 : line].decode("utf-8", "replace").partition(":")
+        key, _, value = data[offset + 2 : line_end].decode("utf-8", "replace").partition(":")
         values[key] = value.strip()
-        at = line + 1
-    frames = {kind: _fields(values, chr(kind), name) for kind in MARKERS if kind != EVENT}
-    return Head(values, {kind: fields for kind, fields in frames.items() if fields.names}, at)
+        offset = line_end + 1
+    frames = {kind: _parse_fields(values, chr(kind), name) for kind in MARKERS if kind != EVENT}
+    return Head(values, {kind: fields for kind, fields in frames.items() if fields.names}, offset)
 
 
-def _fields(values: Mapping[str, str], kind: str, name: str) -> FrameFields:
-    shared = "I" if kind == "P" else kind
-    names = tuple(values.get(f"Field {shared} name", "").split(","))
+def _parse_fields(values: Mapping[str, str], kind: str, name: str) -> FrameFields:
+    source = "I" if kind == "P" else kind
+    names = tuple(values.get(f"Field {source} name", "").split(","))
     if names == ("",):
         return FrameFields((), (), (), ())
     rows = []
-    for key in (f"{shared} signed", f"{kind} predictor", f"{kind} encoding"):
+    for key in (f"{source} signed", f"{kind} predictor", f"{kind} encoding"):
         text = values.get(f"Field {key}", "")
-        row = tuple(int(item) for item in text.split(",") if item.strip().isdecimal())
+        row = tuple(int(word) for word in text.split(",") if word.strip().isdecimal())
         if len(row) != len(names) or len(names) > MOST_FIELDS:
-            what = f"whose head has {len(row)} numbers for 'Field {key}', of {len(names)} fields"
-            raise _corrupt(name, what)
+            problem = f"whose head has {len(row)} numbers for 'Field {key}', of {len(names)} fields"
+            raise _corrupt(name, problem)
         rows.append(row)
     fields = FrameFields(names, *rows)
-    known = {SIGNED, UNSIGNED, NEGATIVE_14, TAG8_8, NOTHING, *GROUPS}
-    alone = {PREVIOUS, STRAIGHT, AVERAGE, INCREMENT} if kind == "I" else set()
-    predictors = {*range(12), 256} - alone
-    sound = known.issuperset(fields.encodings) and predictors.issuperset(fields.predictors)
-    motors = [name for name, item in zip(names, fields.predictors, strict=True) if item == MOTOR_0]
+    encodings = {SIGNED, UNSIGNED, NEGATIVE_14, TAG8_8, NOTHING, *GROUPS}
+    inter_only = {PREVIOUS, STRAIGHT, AVERAGE, INCREMENT} if kind == "I" else set()
+    predictors = {*range(12), 256} - inter_only
+    sound = encodings.issuperset(fields.encodings) and predictors.issuperset(fields.predictors)
+    motors = [name for name, p in zip(names, fields.predictors, strict=True) if p == MOTOR_0]
     sound &= not motors or ("motor[0]" in names and "motor[0]" not in motors)
     if not sound or any(end > len(names) for _, _, end in _groups(fields)):
         raise _corrupt(name, f"whose fields of frames {kind} have an encoding or predictor that is not known")
@@ -148,9 +148,9 @@ def _groups(fields: FrameFields) -> Iterator[tuple[int, int, int]]:
         first = end
 
 
-def _corrupt(name: str, what: str) -> CorruptLogError:
+def _corrupt(name: str, problem: str) -> CorruptLogError:
     remedy = "Copy the log from the flight controller again, or convert it with `blackbox_decode` to CSV."
-    return CorruptLogError("a blackbox log of Betaflight or INAV", f"'{name}', {what}", remedy)
+    return CorruptLogError("a blackbox log of Betaflight or INAV", f"'{name}', {problem}", remedy)
 
 
 # -- Encodings --
@@ -162,73 +162,73 @@ def _extended(value: Block, bits: int) -> Block:
     return (value & (2 * half - 1) ^ half) - half
 
 
-def _unsigned(data: Block, at: Block) -> tuple[Block, Block]:
+def _unsigned(data: Block, offset: Block) -> tuple[Block, Block]:
     """Seven bits a byte, the lowest first; the eighth says that more follow."""
-    value, more = np.zeros_like(at), np.ones(at.shape, dtype=np.bool_)
+    value, unfinished = np.zeros_like(offset), np.ones(offset.shape, dtype=np.bool_)
     for number in range(5):
-        byte = data[at].astype(np.int64)
-        value |= np.where(more, (byte & 127) << (7 * number), 0)
-        at = at + more
-        more = more & (byte >= 128)
-        if not more.any():
+        byte = data[offset].astype(np.int64)
+        value |= np.where(unfinished, (byte & 127) << (7 * number), 0)
+        offset = offset + unfinished
+        unfinished = unfinished & (byte >= 128)
+        if not unfinished.any():
             break
-    return value & 0xFFFFFFFF, at
+    return value & 0xFFFFFFFF, offset
 
 
-def _signed(data: Block, at: Block) -> tuple[Block, Block]:
-    value, at = _unsigned(data, at)
-    return (value >> 1) ^ -(value & 1), at
+def _signed(data: Block, offset: Block) -> tuple[Block, Block]:
+    value, offset = _unsigned(data, offset)
+    return (value >> 1) ^ -(value & 1), offset
 
 
-def _tagged_8(data: Block, at: Block, count: int) -> tuple[list[Block], Block]:
+def _tagged_8(data: Block, offset: Block, count: int) -> tuple[list[Block], Block]:
     """One bit for each field that is not zero; without a tag for a single field."""
     if count == 1:
-        value, at = _signed(data, at)
-        return [value], at
-    tag, at, values = data[at].astype(np.int64), at + 1, []
+        value, offset = _signed(data, offset)
+        return [value], offset
+    tag, offset, values = data[offset].astype(np.int64), offset + 1, []
     for number in range(count):
-        value, logged = np.zeros_like(at), (tag >> number & 1).astype(np.bool_)
-        value[logged], at[logged] = _signed(data, at[logged])
+        value, logged = np.zeros_like(offset), (tag >> number & 1).astype(np.bool_)
+        value[logged], offset[logged] = _signed(data, offset[logged])
         values.append(value)
-    return values, at
+    return values, offset
 
 
-def _nibbles(data: Block, at: Block) -> tuple[list[Block], Block]:
+def _nibbles(data: Block, offset: Block) -> tuple[list[Block], Block]:
     """Two bits for each of four fields: they have 0, 1, 2 or 4 nibbles, the highest first."""
-    tag, nibble, values = data[at].astype(np.int64), 2 * (at + 1), []
+    tag, nibble, values = data[offset].astype(np.int64), 2 * (offset + 1), []
     for number in range(4):
         width = np.array([0, 1, 2, 4])[tag >> (2 * number) & 3]
-        value = np.zeros_like(at)
+        value = np.zeros_like(offset)
         for index in range(4):
-            read = index < width
+            present = index < width
             half = data[nibble >> 1].astype(np.int64) >> (4 * (1 - (nibble & 1))) & 15
-            value = np.where(read, value << 4 | half, value)
-            nibble = nibble + read
+            value = np.where(present, value << 4 | half, value)
+            nibble = nibble + present
         half = 1 << np.maximum(4 * width - 1, 0)
         values.append(np.where(width > 0, (value ^ half) - half, 0))
     return values, (nibble + 1) >> 1
 
 
-def _tagged_2(data: Block, at: Block, encoding: int) -> tuple[list[Block], Block]:
+def _tagged_2(data: Block, offset: Block, encoding: int) -> tuple[list[Block], Block]:
     """Two bits for three fields: packed in one to three bytes, or one to four bytes each."""
-    values = [np.zeros_like(at) for _ in range(3)]
-    tag = data[at].astype(np.int64)
-    end = at + 1
+    values = [np.zeros_like(offset) for _ in range(3)]
+    tag = data[offset].astype(np.int64)
+    end = offset + 1
     for number, (length, places) in enumerate(PACKINGS[encoding]):
         chosen = np.flatnonzero(tag >> 6 == number)
         word = np.zeros_like(chosen)
         for byte in range(length):
-            word = word << 8 | data[at[chosen] + byte].astype(np.int64)
-        end[chosen] = at[chosen] + length
+            word = word << 8 | data[offset[chosen] + byte].astype(np.int64)
+        end[chosen] = offset[chosen] + length
         for value, (shift, bits) in zip(values, places, strict=True):
             value[chosen] = _extended(word >> shift, bits)
     return _in_bytes(data, end, tag, values)
 
 
-def _in_bytes(data: Block, at: Block, tag: Block, values: list[Block]) -> tuple[list[Block], Block]:
+def _in_bytes(data: Block, start: Block, tag: Block, values: list[Block]) -> tuple[list[Block], Block]:
     """The fourth packing: two bits for the bytes of each field, the lowest byte first."""
     chosen = np.flatnonzero(tag >> 6 == 3)
-    offset, lengths = at[chosen], tag[chosen]
+    offset, lengths = start[chosen], tag[chosen]
     for number, value in enumerate(values):
         length = (lengths >> (2 * number) & 3) + 1
         word = np.zeros_like(offset)
@@ -237,35 +237,35 @@ def _in_bytes(data: Block, at: Block, tag: Block, values: list[Block]) -> tuple[
         half = 1 << (8 * length - 1)
         value[chosen] = (word ^ half) - half
         offset = offset + length
-    at[chosen] = offset
-    return values, at
+    start[chosen] = offset
+    return values, start
 
 
 # -- Frames --
 
 
-def _decoded(data: Block, at: Block, fields: FrameFields) -> tuple[dict[int, Block], Block]:
-    """What frames hold at places in a log, by field before prediction, and where each frame ends."""
+def _decode(data: Block, offset: Block, fields: FrameFields) -> tuple[dict[int, Block], Block]:
+    """Raw values of frames at offsets in a log, by field, and the end of each frame."""
     values: dict[int, Block] = {}
     last = data.size - FRAME_BYTES
     for encoding, first, end in _groups(fields):
-        at = np.minimum(at, last)
+        offset = np.minimum(offset, last)
         if encoding == NOTHING:
-            group = [np.zeros_like(at)]
+            group = [np.zeros_like(offset)]
         elif encoding == TAG8_8:
-            group, at = _tagged_8(data, at, end - first)
+            group, offset = _tagged_8(data, offset, end - first)
         elif encoding == TAG8_4:
-            group, at = _nibbles(data, at)
+            group, offset = _nibbles(data, offset)
         elif encoding in PACKINGS:
-            group, at = _tagged_2(data, at, encoding)
+            group, offset = _tagged_2(data, offset, encoding)
         elif encoding == SIGNED:
-            value, at = _signed(data, at)
+            value, offset = _signed(data, offset)
             group = [value]
         else:
-            value, at = _unsigned(data, at)
+            value, offset = _unsigned(data, offset)
             group = [-_extended(value, 14) if encoding == NEGATIVE_14 else value]
         values |= dict(zip(range(first, end), group, strict=True))
-    return values, at
+    return values, offset
 
 
 def _lengths(data: Block, begins: int, end: int, frames: Mapping[int, FrameFields]) -> np.ndarray:
@@ -274,53 +274,53 @@ def _lengths(data: Block, begins: int, end: int, frames: Mapping[int, FrameField
     for kind, fields in frames.items():
         starts = begins + np.flatnonzero(data[begins:end] == kind)
         for block in np.array_split(starts, range(BLOCK, starts.size, BLOCK)):
-            _, ends = _decoded(data, block + 1, fields)
+            _, ends = _decode(data, block + 1, fields)
             length = ends - block
             result[block] = np.where((length <= FRAME_BYTES) & (ends <= end), length, 0)
     return result
 
 
-def _event_length(data: bytes, at: int) -> int:
+def _event_length(data: bytes, start: int) -> int:
     """Length of the event that a byte begins; zero where it is of no known kind [bytes]."""
-    kind = data[at + 1]
-    if data.startswith(LAST_EVENT, at + 1):
+    kind = data[start + 1]
+    if data.startswith(LAST_EVENT, start + 1):
         return 1 + len(LAST_EVENT)
-    offset, numbers = at + 2, EVENTS.get(kind, 0)
+    offset, numbers = start + 2, EVENTS.get(kind, 0)
     if kind == ADJUSTMENT:
         offset, numbers = (offset + 5, 0) if data[offset] > 127 else (offset + 1, 1)
     elif not numbers:
         return 0
     for _ in range(numbers):
-        offset = next((here + 1 for here in range(offset, offset + 5) if data[here] < 128), offset + 5)
-    return offset - at
+        offset = next((byte + 1 for byte in range(offset, offset + 5) if data[byte] < 128), offset + 5)
+    return offset - start
 
 
 def _chain(data: bytes, begins: int, end: int, lengths: np.ndarray) -> tuple[list[int], list[int], int]:
-    """Where frames begin, numbers of those before which something is lost, and bytes that are of none.
+    """Starts of frames, indices of frames after damage, and the number of bytes outside frames.
 
     After damage frames go on from the next byte that begins two of them.
     """
     starts, broken, lost = list[int](), list[int](), 0
-    sizes, at = memoryview(lengths.data), begins
+    sizes, pos = memoryview(lengths.data), begins
 
-    def follows(offset: int) -> int:
-        size = _event_length(data, offset) if data[offset] == EVENT else sizes[offset]
-        after = offset + size
-        return size if size and (after == end or (after < end and data[after] in MARKERS)) else 0
+    def frame_size(start: int) -> int:
+        size = _event_length(data, start) if data[start] == EVENT else sizes[start]
+        stop = start + size
+        return size if size and (stop == end or (stop < end and data[stop] in MARKERS)) else 0
 
-    while at < end:
-        size = follows(at)
+    while pos < end:
+        size = frame_size(pos)
         if not size:
-            damaged, candidates = at, (offset for offset in range(at + 1, end) if data[offset] in MARKERS)
-            at = next(filter(follows, candidates), end)
-            lost += at - damaged
+            damaged, candidates = pos, (start for start in range(pos + 1, end) if data[start] in MARKERS)
+            pos = next(filter(frame_size, candidates), end)
+            lost += pos - damaged
             broken.append(len(starts))
             continue
-        if data[at] in (INTRA, INTER):
-            starts.append(at)
-        elif data.startswith(LAST_EVENT, at + 1):
+        if data[pos] in (INTRA, INTER):
+            starts.append(pos)
+        elif data.startswith(LAST_EVENT, pos + 1):
             break
-        at += size
+        pos += size
     return starts, broken, lost
 
 
@@ -328,45 +328,45 @@ def _chain(data: bytes, begins: int, end: int, lengths: np.ndarray) -> tuple[lis
 
 
 def _main_columns(
-    data: Block, starts: np.ndarray, broken: Sequence[int], head: Head, wanted: Sequence[int]
+    data: Block, starts: np.ndarray, broken: Sequence[int], head: Head, selected: Sequence[int]
 ) -> dict[str, np.ndarray]:
     """Fields of intra and inter frames; after damage none before the next intra frame."""
     inter = data[starts] == INTER
     segment = np.cumsum(~inter)
-    kept = segment > 0
+    usable = segment > 0
     for number in broken:
         if number < starts.size and inter[number]:
-            kept[number : np.searchsorted(segment, segment[number], side="right")] = False
-    starts, inter = starts[kept], inter[kept]
-    raw = {field: np.zeros(starts.size, dtype=np.int64) for field in wanted}
+            usable[number : np.searchsorted(segment, segment[number], side="right")] = False
+    starts, inter = starts[usable], inter[usable]
+    raw = {field: np.zeros(starts.size, dtype=np.int64) for field in selected}
     intra_fields, inter_fields = head.frames[INTRA], head.frames[INTER]
     for fields, frames in ((intra_fields, ~inter), (inter_fields, inter)):
         rows = np.flatnonzero(frames)
         for block in np.array_split(rows, range(BLOCK, rows.size, BLOCK)):
-            values, _ = _decoded(data, starts[block] + 1, fields)
-            for field in wanted:
+            values, _ = _decode(data, starts[block] + 1, fields)
+            for field in selected:
                 raw[field][block] = values[field] + head.constant(fields.predictors[field])
     names, columns = intra_fields.names, dict[str, np.ndarray]()
-    for field in sorted(wanted, key=lambda item: names[item] != "motor[0]"):
+    for field in sorted(selected, key=lambda item: names[item] != "motor[0]"):
         value, predictor = raw[field], inter_fields.predictors[field]
         by_motor = np.where(inter, predictor == MOTOR_0, intra_fields.predictors[field] == MOTOR_0)
         if by_motor.any():
             value[by_motor] += columns["motor[0]"][by_motor]
-        value = _predicted(value, inter, predictor)
+        value = _integrate_predictions(value, inter, predictor)
         columns[names[field]] = value.astype(np.int32 if intra_fields.signed[field] else np.uint32)
     return columns
 
 
-def _predicted(value: Block, inter: np.ndarray, predictor: int) -> Block:
-    """Add what inter frames were predicted as from frames before them, since the last intra frame."""
+def _integrate_predictions(value: Block, inter: np.ndarray, predictor: int) -> Block:
+    """Add the predictions of inter frames from earlier frames, since the last intra frame."""
     if predictor == AVERAGE:
-        values, before, earlier = value.tolist(), 0, 0
-        for number, follows in enumerate(inter.tolist()):
-            if follows:
-                earlier, before = before, values[number] + int((before + earlier) / 2)
+        values, previous, earlier = value.tolist(), 0, 0
+        for number, is_inter in enumerate(inter.tolist()):
+            if is_inter:
+                earlier, previous = previous, values[number] + int((previous + earlier) / 2)
             else:
-                earlier = before = values[number]
-            values[number] = before
+                earlier = previous = values[number]
+            values[number] = previous
         return np.array(values, dtype=np.int64)
     if predictor not in (PREVIOUS, STRAIGHT):
         return value
@@ -388,7 +388,7 @@ def read_blackbox(file: Path, options: ReadOptions) -> Recording:
     first, end = max(pairwise([*begins, len(data)]), key=lambda log: log[1] - log[0])
     sentence = "The file holds {} logs. The longest is read; `blackbox_decode` splits them."
     findings = noted("several_logs", sentence, len(begins) if len(begins) > 1 else 0)
-    head = _head(data, first, end, file.name)
+    head = _parse_head(data, first, end, file.name)
     if INTRA not in head.frames or INTER not in head.frames or "time" not in head.frames[INTRA].names:
         raise _corrupt(file.name, "whose head does not say what its frames hold")
     padded = data[first:end] + bytes(2 * FRAME_BYTES)
@@ -407,14 +407,14 @@ def read_blackbox(file: Path, options: ReadOptions) -> Recording:
 def _read_columns(
     padded: bytes, head: Head, begins: int, end: int, name: str
 ) -> tuple[dict[str, np.ndarray], int]:
-    """Columns with the names and units of `blackbox_decode`, and how many bytes are of no frame."""
+    """Columns with the names and units of `blackbox_decode`, and the number of bytes outside frames."""
     data = np.frombuffer(padded, dtype=np.uint8)
     firsts, broken, lost = _chain(padded, begins, end, _lengths(data, begins, end, head.frames))
-    wanted = [field for field, item in enumerate(head.frames[INTRA].names) if item != "loopIteration"]
+    selected = [field for field, label in enumerate(head.frames[INTRA].names) if label != "loopIteration"]
     starts = np.array(firsts, dtype=np.int64)
-    if starts.size * len(wanted) > NUMBERS_PER_BYTE * end + 1_000_000:
+    if starts.size * len(selected) > NUMBERS_PER_BYTE * end + 1_000_000:
         raise _corrupt(name, f"whose {starts.size} frames hold more than {NUMBERS_PER_BYTE} numbers a byte")
-    raw = _main_columns(data, starts, broken, head, wanted) if starts.size else {}
+    raw = _main_columns(data, starts, broken, head, selected) if starts.size else {}
     clock = raw.pop("time", np.empty(0, dtype=np.int64)).astype(np.int64)
     if not clock.size:
         received = f"'{name}', without a whole frame after its head"

@@ -77,7 +77,7 @@ def quantity_comparisons(
 
 
 def _summed(quantities: Mapping[str, Quantity], name: str) -> Quantity:
-    """A quantity; of an effective lag the value is that of its parts, by which a fit predicts."""
+    """A quantity; the value of an effective lag is the sum of its parts, by which a fit predicts."""
     quantity = quantities[name]
     if name != EFFECTIVE_LAG or not quantities.keys() >= set(LAG_SUMS[name]):
         return quantity
@@ -97,8 +97,8 @@ class ModelPrediction:
     unit: str
     measured: Float[np.ndarray, " samples"] = field(repr=False)
     predicted: Float[np.ndarray, " samples"] = field(repr=False)
-    rms: float  # What it leaves over all runs, and the share of the movement that it explains
-    explained: float
+    rms: float  # of the residual, over all runs
+    explained: float  # share of the measured power
 
 
 @dataclass(frozen=True)
@@ -134,15 +134,15 @@ class Validation:
         """
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.predicts
-        farthest, rivals = self._farthest
-        least = all(farthest.rms <= other.rms for other in rivals)
-        return farthest.explained > 0.0 and least
+        farthest, rivals = self._farthest_models
+        is_least = all(farthest.rms <= rival.rms for rival in rivals)
+        return farthest.explained > 0.0 and is_least
 
     @property
-    def _farthest(self) -> tuple[ModelPrediction, list[ModelPrediction]]:
-        """Prediction of the fit at the farthest horizon, and those that it is held against."""
+    def _farthest_models(self) -> tuple[ModelPrediction, list[ModelPrediction]]:
+        """Prediction of the fit at the farthest horizon, and those of its rivals."""
         farthest, *others = self.by_quantity[-1]
-        # one step ahead least squares leave the least, whatever they mean
+        # one step ahead, least squares have the smallest residual by construction
         return farthest, others if farthest.horizon is Horizon.OPEN_LOOP else []
 
     @property
@@ -158,21 +158,21 @@ class Validation:
     @property
     def sentence(self) -> str:
         """Prediction and contradictions in words."""
-        against = " and ".join(item.fit.wording.words for item in self.contradictions)
-        parts = [f"The flight contradicts the {against}."] if against else []
-        left = ", ".join(item.fit.wording.words for item in self.comparisons if math.isnan(item.p_value))
-        unknown = [f"Not compared, since fit or flight does not identify it: {left}."] if left else []
-        return " ".join([*parts, self._predicted, *unknown])
+        contradicted = " and ".join(row.fit.wording.words for row in self.contradictions)
+        parts = [f"The flight contradicts the {contradicted}."] if contradicted else []
+        untested = ", ".join(row.fit.wording.words for row in self.comparisons if math.isnan(row.p_value))
+        notes = [f"Not compared, since fit or flight does not identify it: {untested}."] if untested else []
+        return " ".join([*parts, self._prediction_sentence, *notes])
 
     @property
-    def _predicted(self) -> str:
+    def _prediction_sentence(self) -> str:
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.sentence
-        farthest, others = self._farthest
+        farthest, others = self._farthest_models
         runs = f" in {len(self.flight.runs)} runs" if len(self.flight.runs) > 1 else ""
-        far = f"{farthest.quantity}, {farthest.horizon.words}, over {self.flight.used_s:.1f} s{runs}"
+        quantity = f"{farthest.quantity}, {farthest.horizon.words}, over {self.flight.used_s:.1f} s{runs}"
         share = f"{farthest.explained:.1%}" if farthest.explained > 0.0 else "nothing"
-        text = f"The fit explains {share} of the {far}"
+        text = f"The fit explains {share} of the {quantity}"
         better = [item.words for item in others if item.rms < farthest.rms]
         if better:
             return f"{text}; {' and '.join(better)} leave{'s' if len(better) == 1 else ''} less."
@@ -181,11 +181,11 @@ class Validation:
     def summary(self) -> str:
         """Errors of every prediction as plain text."""
         lines = [self._title, self.sentence]
-        for what, by, rms, unit, share in _rows(self):
-            lines.append(f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}")
+        for label, by, rms, unit, share in _rows(self):
+            lines.append(f"{label:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}")
         steps = self.multi_step_prediction
-        for what, by, unit, *errors in prediction_rows(steps) if steps else ():
-            lines.append(f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in errors)}")
+        for label, by, unit, *errors in prediction_rows(steps) if steps else ():
+            lines.append(f"{label:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in errors)}")
         return "\n".join(lines)
 
     @property
@@ -238,7 +238,7 @@ class Validation:
         for models in self.by_quantity:
             name = models[0].horizon.value
             panels[name] = partial(_draw_predicted, validation=self, models=models)
-            panels[f"{name} residual"] = partial(_draw_left, validation=self, models=models)
+            panels[f"{name} residual"] = partial(_draw_residual, validation=self, models=models)
         size, heights = (plots.SIZE_INCHES[0], plots.SIZE_INCHES[1] * len(panels) / 4.0), (1.6, 1.0)
         if multi_step is None:
             placed = plots.column_page(tuple(panels), size, heights=heights * (len(panels) // 2), shared=2)
@@ -322,7 +322,7 @@ def validate(
     else:
         problem = motion.problem((flight.shortened,), NoInstruments())
         results = tuple(
-            _of_model(name, model.words, predicted, flight)
+            _prediction(name, model.words, predicted, flight)
             for name, model in models.items()
             for predicted in predicts.another_flight(problem, model.values)
         )
@@ -381,18 +381,18 @@ def _simpler_models(fit: SavedFit, prediction: JsonPrediction) -> dict[str, Simp
     return {FIT: SimpleModel("the fit", values), **prediction.simple_models}
 
 
-def _of_model(name: str, words: str, record: PredictedQuantity, flight: PreparedFlight) -> ModelPrediction:
+def _prediction(name: str, words: str, record: PredictedQuantity, flight: PreparedFlight) -> ModelPrediction:
     measured, predicted = record.measured, record.predicted
     runs = _runs(flight)
     if record.horizon is Horizon.ONE_STEP:
-        both = np.column_stack([measured, predicted])
+        columns = np.column_stack([measured, predicted])
         spectral = zip(flight.spectral_runs(), runs, strict=True)
-        measured, predicted = np.concatenate([item.band_passed(both[run]) for item, run in spectral]).T
+        measured, predicted = np.concatenate([item.band_passed(columns[run]) for item, run in spectral]).T
     centred = np.concatenate([measured[run] - measured[run].mean() for run in runs])
-    left, power = measured - predicted, float(centred @ centred)
-    explained = 1.0 - float(left @ left) / power if power > 0.0 else math.nan
-    of = name, words, record.horizon, record.quantity, record.unit
-    return ModelPrediction(*of, measured, predicted, float(np.sqrt(np.mean(left**2))), explained)
+    residual, power = measured - predicted, float(centred @ centred)
+    explained = 1.0 - float(residual @ residual) / power if power > 0.0 else math.nan
+    labels = name, words, record.horizon, record.quantity, record.unit
+    return ModelPrediction(*labels, measured, predicted, float(np.sqrt(np.mean(residual**2))), explained)
 
 
 def _runs(flight: PreparedFlight) -> list[slice]:
@@ -418,10 +418,10 @@ def validation_document(validation: Validation) -> doc.Document:
     """Document of a validation."""
     steps = validation.multi_step_prediction
     columns = ("predicted", "by", doc.TableColumn("RMS error", right=True, strong=True), "unit")
-    rows, before = [], ""
-    for what, *others in _rows(validation):
-        rows.append(("" if what == before else what, *others))
-        before = what
+    rows, previous = [], ""
+    for label, *others in _rows(validation):
+        rows.append(("" if label == previous else label, *others))
+        previous = label
     models = doc.table((*columns, doc.TableColumn("explained", right=True)), rows)
     parts = (models,) if steps is None else prediction_parts(steps, sentence=False)
     sections = [doc.Section("", (_validation_facts(validation), *parts))]
@@ -467,7 +467,7 @@ VALIDATION_COLOURS = (plots.RED, plots.BLUE, plots.GREY, "#8a6d3b")
 
 
 def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
-    time, series = _displayed(validation, models[0])
+    time, series = _shown_part(validation, models[0])
     first = models[0]
     ax.plot(time, first.measured[series], color=plots.DARK, lw=1.2, label="measured")
     for model, colour in zip(models, VALIDATION_COLOURS, strict=False):
@@ -476,33 +476,33 @@ def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPredict
         ax.plot(time, model.predicted[series], color=colour, lw=1.0, label=label)
     ax.set_ylim(*_measured_limits(first.measured[series]))
     plots.labelled(ax, y=f"{first.quantity} [{first.unit}]", size=9.0)
-    what = f"{first.quantity.capitalize()}, {first.horizon.words}"
-    plots.headed(ax, f"{what}, from {time[0]:.0f} to {time[-1]:.0f} s")
+    title = f"{first.quantity.capitalize()}, {first.horizon.words}"
+    plots.headed(ax, f"{title}, from {time[0]:.0f} to {time[-1]:.0f} s")
     plots.legend(ax, location="upper right")
 
 
-def _draw_left(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
-    time, series = _displayed(validation, models[0])
-    left = [(model.measured - model.predicted)[series] for model in models]
-    for values, colour in zip(left, VALIDATION_COLOURS, strict=False):
+def _draw_residual(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
+    time, series = _shown_part(validation, models[0])
+    residuals = [(model.measured - model.predicted)[series] for model in models]
+    for values, colour in zip(residuals, VALIDATION_COLOURS, strict=False):
         ax.plot(time, values, color=colour, lw=0.9)
     ax.axhline(0.0, color="black", lw=0.5)
     low, high = _measured_limits(models[0].measured[series])
-    half = min(1.1 * max(float(np.abs(values).max()) for values in left), 0.5 * (high - low))
+    half = min(1.1 * max(float(np.abs(values).max()) for values in residuals), 0.5 * (high - low))
     ax.set_ylim(-half, half)
     plots.labelled(ax, x="time from the log's start [s]", y=f"left [{models[0].unit}]", size=9.0)
 
 
 def _measured_limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, float]:
-    """Room for what was measured, and above it for the legend; what drifts further leaves the panel."""
+    """Limits of a panel: the measured range, and room above it for the legend."""
     low, high = float(measured.min()), float(measured.max())
     height = max(high - low, 1e-9)
     return low - 0.25 * height, high + 0.75 * height
 
 
-def _displayed(validation: Validation, first: ModelPrediction) -> tuple[Float[np.ndarray, " shown"], slice]:
+def _shown_part(validation: Validation, first: ModelPrediction) -> tuple[Float[np.ndarray, " shown"], slice]:
     flight = validation.flight
     samples, run = max(zip(flight.samples_of_runs, _runs(flight), strict=True), key=lambda pair: pair[0].size)
-    most = max(int(plots.FIT_SHOWN_S * flight.signals.rate_hz), 1)
-    inside = plots.liveliest(first.measured[run], most)
-    return flight.grid.time_s[samples][inside], slice(run.start + inside.start, run.start + inside.stop)
+    longest = max(int(plots.FIT_SHOWN_S * flight.signals.rate_hz), 1)
+    window = plots.liveliest(first.measured[run], longest)
+    return flight.grid.time_s[samples][window], slice(run.start + window.start, run.start + window.stop)
