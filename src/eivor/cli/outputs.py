@@ -73,7 +73,7 @@ class Reads(msgspec.Struct, frozen=True):
 class Writes(msgspec.Struct, frozen=True):
     """Declares that a parameter names a file that the command writes, or a folder of such files."""
 
-    inside: tuple[str, ...] = ()  # Patterns of the files that are written into the folder
+    patterns: tuple[str, ...] = ()  # Patterns of the files that are written into the folder
     default: Callable[[Mapping[str, Any]], str] = lambda _values: ""
 
 
@@ -106,10 +106,10 @@ def completion(values: Sequence[str] = (), values_of: str = "") -> Callable[[str
     """Words that a shell completes, also after a comma: these, and those of a name that is loaded then."""
 
     def complete(incomplete: str) -> list[str]:
-        more = resolve_name(values_of) if values_of else ()
-        known = [*values, *(more() if callable(more) else more)]
-        before, comma, last = incomplete.rpartition(",")
-        return [f"{before}{comma}{value}" for value in known if value.startswith(last)]
+        loaded = resolve_name(values_of) if values_of else ()
+        words = [*values, *(loaded() if callable(loaded) else loaded)]
+        prefix, comma, last = incomplete.rpartition(",")
+        return [f"{prefix}{comma}{value}" for value in words if value.startswith(last)]
 
     return complete
 
@@ -172,24 +172,24 @@ def with_options(
     *sources: type[msgspec.Struct], only: tuple[str, ...] = ()
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Give a command, which takes them by ``**given``, the fields of structures as options: some, or all."""
-    known = {}
+    options = {}
     for source in sources:
         hints = get_type_hints(source, include_extras=True)
         for item in msgspec.structs.fields(source):
             default = [] if item.default is msgspec.NODEFAULT else item.default
-            known[item.name] = inspect.Parameter(
+            options[item.name] = inspect.Parameter(
                 item.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hints[item.name]
             )
-    taken = {name: known[name] for name in only or known}
+    added = {name: options[name] for name in only or options}
 
-    def extended(command: Callable[P, R]) -> Callable[P, R]:
+    def decorate(command: Callable[P, R]) -> Callable[P, R]:
         parameters = inspect.signature(command, eval_str=True).parameters.values()
-        kept = [item for item in parameters if item.kind is not item.VAR_KEYWORD and item.name not in taken]
-        ordered = sorted([*taken.values(), *kept], key=lambda parameter: parameter.kind)
+        rest = [item for item in parameters if item.kind is not item.VAR_KEYWORD and item.name not in added]
+        ordered = sorted([*added.values(), *rest], key=lambda parameter: parameter.kind)
         vars(command)["__signature__"] = inspect.Signature(ordered)
         return command
 
-    return extended
+    return decorate
 
 
 # -- Terminal --
@@ -218,8 +218,8 @@ def show_table(titles: Iterable[str], rows: Iterable[tuple[str, ...]]) -> None:
 
     columns = (Column(title, overflow="fold") for title in titles)
     table = Table(*columns, box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for name, *more in rows:
-        table.add_row(Text(name, style="bold"), *map(Text, more))
+    for name, *cells in rows:
+        table.add_row(Text(name, style="bold"), *map(Text, cells))
     show(table)
 
 
@@ -258,16 +258,16 @@ def _drop_standard_output() -> None:
         os.close(nowhere)
 
 
-def complain(message: str, *more: str) -> None:
+def complain(message: str, *details: str) -> None:
     """Print a message on standard error, with further lines below it; strings are made printable."""
-    lines = [f"eivor: {tools.printable(message)}", *(f"  {tools.printable(line)}" for line in more)]
+    lines = [f"eivor: {tools.printable(message)}", *(f"  {tools.printable(line)}" for line in details)]
     with suppress(OSError, ValueError):
         sys.stderr.write("\n".join(lines) + "\n")
         sys.stderr.flush()
 
 
 @contextmanager
-def step(what: str) -> Iterator[tools.Progress]:
+def step(label: str) -> Iterator[tools.Progress]:
     """Show `what` with a spinner on standard error while it lasts, and its stages, on terminals only."""
     if not sys.stderr.isatty():
         yield tools.no_stage_callback
@@ -275,16 +275,16 @@ def step(what: str) -> Iterator[tools.Progress]:
     from rich.text import Text
 
     stages = len(tools.Stage)
-    with console(error=True).status(Text(f"{tools.printable(what)} ...")) as status:
+    with console(error=True).status(Text(f"{tools.printable(label)} ...")) as status:
         yield lambda stage: status.update(
             Text(
-                f"{tools.printable(what)}: {stage.value} ({[*tools.Stage].index(stage) + 1} of {stages}) ..."
+                f"{tools.printable(label)}: {stage.value} ({[*tools.Stage].index(stage) + 1} of {stages}) ..."
             )
         )
 
 
 @contextmanager
-def progress_bar(what: str) -> Iterator[tools.ItemsDone]:
+def progress_bar(label: str) -> Iterator[tools.ItemsDone]:
     """Bar on standard error while it lasts, on terminals only."""
     screen = console(error=True)
     if not screen.is_terminal:
@@ -294,12 +294,12 @@ def progress_bar(what: str) -> Iterator[tools.ItemsDone]:
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=screen, transient=True) as bar:
-        task = bar.add_task(tools.printable(what), total=None)
+        task = bar.add_task(tools.printable(label), total=None)
 
-        def update(done: int, total: int) -> None:
+        def update(completed: int, total: int) -> None:
             if bar.tasks[0].total is None:  # what was there before says nothing about the rate
-                bar.reset(task, total=total, completed=done)
-            bar.update(task, completed=done)
+                bar.reset(task, total=total, completed=completed)
+            bar.update(task, completed=completed)
 
         yield update
 
@@ -326,7 +326,7 @@ def guarded(command: Callable[P, ExitCode | None]) -> Callable[P, None]:
     """Make a command that returns an exit code, or none, into one that leaves, whatever happens inside."""
 
     @wraps(command)
-    def leaving(*args: P.args, **kwargs: P.kwargs) -> None:
+    def run_and_exit(*args: P.args, **kwargs: P.kwargs) -> None:
         code = ExitCode.FAILED
         try:
             code = command(*args, **kwargs) or ExitCode.IDENTIFIED
@@ -351,8 +351,8 @@ def guarded(command: Callable[P, ExitCode | None]) -> Callable[P, None]:
         raise typer.Exit(code=int(code))
 
     paragraphs = (inspect.getdoc(command) or "").split("\n\n")  # as wide as the terminal in help
-    leaving.__doc__ = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
-    return leaving
+    run_and_exit.__doc__ = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+    return run_and_exit
 
 
 def reported(error: EivorError) -> ExitCode:
@@ -414,34 +414,34 @@ _replaced_files: ContextVar[Mapping[tuple[int, int], tuple[str, Path]]] = Contex
 
 def guard_outputs(context: Any) -> None:
     """Refuse a command whose outputs would replace a file that it reads, or each other."""
-    given = list(declared(context))
-    outputs = [(name, Path(text), item.inside) for name, item, text in given if isinstance(item, Writes)]
+    files = list(declared(context))
+    outputs = [(name, Path(text), item.patterns) for name, item, text in files if isinstance(item, Writes)]
     replaced: dict[tuple[int, int] | None, tuple[str, Path]] = {}
-    for name, path, inside in outputs:
+    for name, path, patterns in outputs:
         if str(path) != STANDARD_OUTPUT:
-            replaced |= {_key(item): (name, item) for item in (path, *_files_in(path, inside))}
+            replaced |= {_file_id(item): (name, item) for item in (path, *_files_in(path, patterns))}
     _replaced_files.set({key: item for key, item in replaced.items() if key is not None})
-    for name, item, text in given:
+    for name, item, text in files:
         if isinstance(item, Reads):
             keep_inputs(name, item.paths(text))
-    for (first, path, inside), (second, other, others) in combinations(outputs, 2):
-        if _writes(path, inside, other) or _writes(other, others, path):
+    for (first, path, patterns), (second, other, others) in combinations(outputs, 2):
+        if _overwrites(path, patterns, other) or _overwrites(other, others, path):
             raise UsageError(
                 f"different files for {first} and {second}",
                 f"'{other}', which both would write",
                 f"Give {second} another name.",
             )
-    for name, path, inside in outputs:
-        if not inside and str(path) != STANDARD_OUTPUT:
+    for name, path, patterns in outputs:
+        if not patterns and str(path) != STANDARD_OUTPUT:
             output_file(str(path), option=name)
 
 
-def _writes(path: Path, inside: tuple[str, ...], other: Path) -> bool:
-    """Whether what writes a file, or files inside of a folder, writes another one."""
+def _overwrites(path: Path, patterns: tuple[str, ...], other: Path) -> bool:
+    """Whether the output `path`, or a file of the patterns in it, is also the output `other`."""
     spelling, of_other = _spelling(path), _spelling(other)
-    if any(fnmatchcase(of_other, f"{escape(spelling)}/{item}") for item in inside):
+    if any(fnmatchcase(of_other, f"{escape(spelling)}/{item}") for item in patterns):
         return True
-    keys = _key(path), _key(other)
+    keys = _file_id(path), _file_id(other)
     is_device = other.exists() and not other.is_file() and not other.is_dir()
     return keys[0] == keys[1] if None not in keys else spelling == of_other and not is_device
 
@@ -450,7 +450,7 @@ def keep_inputs(name: str, paths: Iterable[Path]) -> None:
     """Refuse the outputs of the command that would replace one of these files."""
     replaced = _replaced_files.get({})
     for source in paths if replaced else ():
-        key = _key(source)
+        key = _file_id(source)
         if key is not None and key in replaced:
             option, path = replaced[key]
             raise UsageError(
@@ -470,27 +470,27 @@ def declared(context: Any) -> Iterator[tuple[str, Reads | Writes, str]]:
     for parameter in context.command.params:
         position = positions.get(parameter.name)
         if position is not None:
-            given = context.params.get(parameter.name)
-            if not given and isinstance(position, Writes):
-                given = position.default(context.params)
+            value = context.params.get(parameter.name)
+            if not value and isinstance(position, Writes):
+                value = position.default(context.params)
             is_argument = parameter.param_type_name == "argument"
             name = str(parameter.metavar).strip("[]") if is_argument else max(parameter.opts, key=len)
-            texts = given if isinstance(given, list | tuple) else (given,)
+            texts = value if isinstance(value, list | tuple) else (value,)
             yield from ((name, position, str(text)) for text in texts if text)
 
 
 def declarations(command: Any) -> dict[str, Reads | Writes]:
     """What the parameters of a command declare, by their names in the function."""
-    known = inspect.signature(command.callback, eval_str=True).parameters if command.callback else {}
+    parameters = inspect.signature(command.callback, eval_str=True).parameters if command.callback else {}
     return {
         name: item
-        for name, parameter in known.items()
+        for name, parameter in parameters.items()
         for item in getattr(parameter.annotation, "__metadata__", ())
         if isinstance(item, Reads | Writes)
     }
 
 
-def _key(path: Path) -> tuple[int, int] | None:
+def _file_id(path: Path) -> tuple[int, int] | None:
     """Device and number of an existing regular file; None of anything else."""
     try:
         status = path.stat()
@@ -544,8 +544,8 @@ def deliver_result(
 ) -> None:
     """Print a report, write a document to the file or stream of --json, then write files; see `deliver`."""
     screen = (lambda: show(report()),) if json != STANDARD_OUTPUT else ()
-    written = (lambda: write_out(document(), json),) if json else ()
-    deliver(*screen, *written, *files)
+    to_file = (lambda: write_out(document(), json),) if json else ()
+    deliver(*screen, *to_file, *files)
 
 
 class ReadableCommand(TyperCommand):
@@ -570,7 +570,7 @@ class ReadableCommand(TyperCommand):
 
 
 def exit_codes(command: str) -> str:
-    """What stands below the help of a command: its exit codes first."""
+    """Epilog of the help of a command: its exit codes."""
     return f"[bold]Exit codes[/bold]: {COMMANDS[command]['exit_codes']}"
 
 

@@ -158,29 +158,29 @@ def report_covariates(report: fleet.FleetReport) -> list[str]:
     for across in report.quantities:
         words = report.motion.quantities[across.name].words
         for covariate in across.covariates:
-            pair = (across.name, covariate.name)
-            if pair not in used:
+            key = (across.name, covariate.name)
+            if key not in used:
                 name = covariate.name.replace("_", " ")
-                (expected if pair in report.expected else missing).setdefault(name, []).append(words)
+                (expected if key in report.expected else missing).setdefault(name, []).append(words)
     sentences = _at_most(selected, "slopes were estimated")
     sentences += [
-        f"The flights do not identify how {_listed(words)} goes with {name}: what was expected "
+        f"The flights do not identify how {_or_list(words)} goes with {name}: what was expected "
         "beforehand is allowed for, with its uncertainty."
         for name, words in expected.items()
     ]
     return sentences + [
-        f"{name} is not known of enough flights: what looks like a change of {_listed(words)} may be it."
+        f"{name} is not known of enough flights: what looks like a change of {_or_list(words)} may be it."
         for name, words in missing.items()
     ]
 
 
-def _listed(words: list[str]) -> str:
+def _or_list(words: list[str]) -> str:
     *others, last = words
     return f"{', '.join(others)} or {last}" if others else last
 
 
-def _at_most(names: list[str], what: str) -> list[str]:
-    return names if len(names) <= MOST else [*names[:MOST], f"{len(names)} {what}; the JSON has all."]
+def _at_most(names: list[str], phrase: str) -> list[str]:
+    return names if len(names) <= MOST else [*names[:MOST], f"{len(names)} {phrase}; the JSON has all."]
 
 
 #: Vehicles in a table, at most.
@@ -197,24 +197,24 @@ def fleet_document(
 
 
 def about_fleet(report: fleet.FleetReport) -> str:
-    """How many logs, vehicles and types there are."""
+    """Sentence with the numbers of logs, vehicles and types."""
     flights = report.flights
-    known = flights.filter(~pl.col(fleet.SINGLE))
-    vehicles = _count(known.select(fleet.VEHICLE).n_unique(), "vehicle")
-    types = _count(known.filter(pl.col("type") != fleet.UNKNOWN)["type"].n_unique(), "type")
+    owned = flights.filter(~pl.col(fleet.SINGLE))
+    vehicles = _count(owned.select(fleet.VEHICLE).n_unique(), "vehicle")
+    types = _count(owned.filter(pl.col("type") != fleet.UNKNOWN)["type"].n_unique(), "type")
     text = f"{report.motion.words.title}: {_count(report.logs['logs'], 'log')}"
     if copies := report.logs["copies"]:
         text += ", 1 of them a copy" if copies == 1 else f", {copies} of them copies"
     if failed := report.logs["failed"]:
         text += f", {failed} without a result"
     text += f"; {vehicles} of {types}"
-    if single := flights.height - known.height:
+    if single := flights.height - owned.height:
         text += f"; {_count(single, 'log')} without a vehicle, each by itself"
     return text
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number:,} {what}s"
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number:,} {noun}s"
 
 
 def _sections(report: fleet.FleetReport, links: Mapping[str, str] | None) -> Iterator[doc.Section]:
@@ -226,8 +226,8 @@ def _sections(report: fleet.FleetReport, links: Mapping[str, str] | None) -> Ite
         return
     types = sorted(report.types.iter_rows(named=True), key=lambda row: row["type"])
     if types:
-        few = doc.bullets(few_footnote(types, "vehicles"))
-        yield doc.Section("By type", (_members(report, types, "vehicle"), *few))
+        footnotes = doc.bullets(few_footnote(types, "vehicles"))
+        yield doc.Section("By type", (_members(report, types, "vehicle"), *footnotes))
     chosen = vehicles_to_report(report.vehicles).head(MOST_VEHICLES).with_row_index("place")
     numbered = report.vehicles.with_row_index("order")
     vehicle_rows = chosen.join(numbered, on=["type", "vehicle"], maintain_order="left").sort("place", "order")
@@ -290,20 +290,20 @@ def _deviating(
         yield doc.Bullets((f"{report.deviating.height} flights and quantities deviate; the JSON has all.",))
 
 
-def _members(report: fleet.FleetReport, rows: Sequence[Row], of: str) -> doc.TableOf:
-    """Types of vehicles, or vehicles of flights; each is named in the first of its rows."""
-    key = ("type",) if of == "vehicle" else fleet.VEHICLE
+def _members(report: fleet.FleetReport, rows: Sequence[Row], unit: str) -> doc.TableOf:
+    """Table of types, or of vehicles; only the first row of each has its name."""
+    key = ("type",) if unit == "vehicle" else fleet.VEHICLE
     columns: list[str | doc.TableColumn] = [
         doc.TableColumn(key[-1], strong=True),
         "quantity",
         doc.TableColumn("mean", right=True, whole=True, below=doc.Tone.FAINT),
         doc.TableColumn("between", right=True, whole=True, below=doc.Tone.FAINT),
-        doc.TableColumn(f"next {of}", right=True, whole=True),
-        doc.TableColumn(f"{of}s", right=True, below=doc.Tone.FAINT),
+        doc.TableColumn(f"next {unit}", right=True, whole=True),
+        doc.TableColumn(f"{unit}s", right=True, below=doc.Tone.FAINT),
     ]
-    if of == "flight":
+    if unit == "flight":
         columns.append(doc.TableColumn("course", whole=True))
-    seen: set[tuple[str, ...]] = set()
+    labelled: set[tuple[str, ...]] = set()
     cells = []
     for row in rows:
         across = _across_of_row(report, row)
@@ -311,15 +311,15 @@ def _members(report: fleet.FleetReport, rows: Sequence[Row], of: str) -> doc.Tab
         member = tuple(row[name] for name in key)
         omitted = f"{row['left_out']} left out" if row.get("left_out") else ""
         line = (
-            "" if member in seen else member[-1],
+            "" if member in labelled else member[-1],
             f"{wording.words} {doc.symbol_of(wording)}",
             doc.Cell(*mean_text(row, wording)),
             doc.Cell(*between_text(row, across, wording)),
             next_text(row, wording),
             doc.Cell(f"{row['pooled']}", omitted),
         )
-        cells.append((*line, row["course"]) if of == "flight" else line)
-        seen.add(member)
+        cells.append((*line, row["course"]) if unit == "flight" else line)
+        labelled.add(member)
     return doc.table(columns, cells)
 
 
@@ -337,7 +337,7 @@ def _motion_json(report: fleet.FleetReport) -> dict[str, Json]:
                 "name": quantity.name,
                 "unit": report.motion.quantities[quantity.name].unit,
                 "logarithm": quantity.logarithm,
-                "covariates": [each.name for each in quantity.covariates],
+                "covariates": [covariate.name for covariate in quantity.covariates],
             }
             for quantity in report.quantities
         ],
@@ -364,30 +364,30 @@ def fleet_page(reports: Sequence[fleet.FleetReport], title: str, links: Mapping[
     """HTML page of a fleet, without anything to fetch."""
     figures, motions = Figures(0), []
     for report in reports:
-        drawn = {}
+        pictures = {}
         if report.vehicles.height:
-            drawn[FOREST] = figures.html([("", _forests(report))])
-            drawn[LINES] = figures.html([("", _over_hours(report, links))])
-        without = "Flights have no reports of their own here; eivor fleet run --reports makes them."
-        note = without if report.vehicles.height and not links else ""
-        motions.append((fleet_document(report, title, links), note, drawn))
+            pictures[FOREST] = figures.html([("", _forest_pictures(report))])
+            pictures[LINES] = figures.html([("", _over_hours(report, links))])
+        no_reports = "Flights have no reports of their own here; eivor fleet run --reports makes them."
+        note = no_reports if report.vehicles.height and not links else ""
+        motions.append((fleet_document(report, title, links), note, pictures))
     body = rendered("fleet.html", title=title, motions=motions)
     return whole_page(f"{title}: fleet", body, {"result": fleet_json(reports), "charts": figures.charts})
 
 
-def _forests(report: fleet.FleetReport) -> Iterator[plots.Picture]:
+def _forest_pictures(report: fleet.FleetReport) -> Iterator[plots.Picture]:
     chosen = vehicles_to_report(report.vehicles).head(MOST_ROWS).select(fleet.VEHICLE)
     several = report.vehicles["type"].n_unique() > 1
     for across in report.quantities:
-        mine = pl.col("quantity") == across.name
-        rows = report.vehicles.filter(mine).join(chosen, on=fleet.VEHICLE, how="semi", maintain_order="left")
+        same = pl.col("quantity") == across.name
+        rows = report.vehicles.filter(same).join(chosen, on=fleet.VEHICLE, how="semi", maintain_order="left")
         wording = report.motion.quantities[across.name]
-        types = report.types.filter(mine).sort("type").head(MOST_ROWS)
-        drawn = [
+        types = report.types.filter(same).sort("type").head(MOST_ROWS)
+        intervals = [
             *(_forest_row(row, wording, several=several) for row in rows.iter_rows(named=True)),
             *(_forest_row(row, wording) for row in types.iter_rows(named=True)),
         ]
-        yield plots.forest_picture(capitalised(wording.words), doc.axis_of(wording), drawn)
+        yield plots.forest_picture(capitalised(wording.words), doc.axis_of(wording), intervals)
 
 
 def _forest_row(row: Row, wording: QuantitySpec, *, several: bool = False) -> plots.PlottedInterval:
@@ -443,9 +443,9 @@ def _line(
 
 
 def _trend(
-    row: Row, across: AcrossFlights, drawn: tuple[np.ndarray, np.ndarray, np.ndarray], scale: float
+    row: Row, across: AcrossFlights, points: tuple[np.ndarray, np.ndarray, np.ndarray], scale: float
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    hours, low, high = drawn
+    hours, low, high = points
     mean = row["mean"] * scale
     if row["course"] == fleet.STEPS and row["step_hours"] is not None:
         yield "step", np.full(2, row["step_hours"]), np.array([np.nanmin(low), np.nanmax(high)])

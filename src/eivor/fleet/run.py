@@ -180,7 +180,7 @@ def _done(
     progress: ItemsDone,
 ) -> FleetRun:
     folder, options = shard.folder, shard.options
-    opened, new, copies = _work_of(logs, folder.there(options.motion))
+    opened, new, copies = _work_of(logs, folder.opened_rows(options.motion))
     total, before = logs.height, opened.height - new.height - copies.height
     if before < total:
         folder.state(options)
@@ -197,7 +197,7 @@ def _done(
         firsts = zip(LogList(part), part["first"], strict=True)
         folder.write([table.copy_row(options.row_of(log), first) for log, first in firsts])
     folder.merge(motion)
-    there = folder.there(options.motion)
+    there = folder.opened_rows(options.motion)
     if shard.page_of is not None:
         with closing(table.reports_there(folder.folder)) as reports:
             reported = pl.DataFrame({"sha256": list(reports)}, schema={"sha256": pl.String})

@@ -82,7 +82,7 @@ class FleetOptions:
 
     @cached_property
     def hash(self) -> str:
-        """What rows of the same options are marked with."""
+        """Hash of the options, stored in each row."""
         text = json.dumps(self.document(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -125,7 +125,7 @@ FLIGHTS, PENDING, PART = "flights", "pending", "part-*.parquet"
 #: A part of the table, by its number; it is full with so many rows.
 NUMBERED, PART_ROWS = "part-{number:06d}.parquet", 100_000
 _NUMBERED = re.compile(r"part-(\d{6})\.parquet")
-#: Key of the names that a part took in, in its metadata: what is left of them is not read.
+#: Metadata key of the files merged into a part; such files are not read again.
 MERGED = "eivor.merged"
 POLARS_ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
 #: Verdicts of rows without a result, beside those of `eivor.inference.verdict.Status`.
@@ -177,17 +177,17 @@ def _column_words(types: Mapping[str, Any], motion: Motion[Any] | None) -> dict[
 
 def flight_frame(rows: Sequence[Row]) -> pl.DataFrame:
     """Rows as a table: every column that all fleets have, and those that these rows bring."""
-    types = _types({name for row in rows for name in row})
-    known = [{name: _known(row.get(name)) for name in types} for row in rows]
+    types = _column_types({name for row in rows for name in row})
+    records = [{name: _finite_or_none(row.get(name)) for name in types} for row in rows]
     # a hundred columns of few rows: at once, which is three times as quick as one after the other
-    return pl.from_dicts(known, schema=types).sort(ORDER, nulls_last=True)
+    return pl.from_dicts(records, schema=types).sort(ORDER, nulls_last=True)
 
 
-def _types(names: Iterable[str]) -> dict[str, Any]:
+def _column_types(names: Iterable[str]) -> dict[str, Any]:
     """Columns of a table in order, each with its type."""
-    known = {name: kind for name, (kind, _, _) in {**LEADING, **TRAILING}.items()}
+    common = {name: kind for name, (kind, _, _) in {**LEADING, **TRAILING}.items()}
     of_quantity = {name: _TEXT if name.endswith(f".{VERDICT}") else _NUMBER for name in names}
-    return {name: {**of_quantity, **known}[name] for name in _in_order(of_quantity)}
+    return {name: {**of_quantity, **common}[name] for name in _in_order(of_quantity)}
 
 
 def _in_order(names: Iterable[str]) -> list[str]:
@@ -203,7 +203,7 @@ def _in_order(names: Iterable[str]) -> list[str]:
     return [*LEADING, *(name for name in measured if name not in diagnostics), *TRAILING, *diagnostics]
 
 
-def _known(value: Any) -> Any:
+def _finite_or_none(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -245,7 +245,7 @@ def _parts(folder: Path, columns: Set[str] | None) -> list[pl.DataFrame]:
             "Make one: eivor fleet run LOGS -o FOLDER.",
         )
     try:
-        return [_part(file, columns) for file in files]
+        return [_read_part(file, columns) for file in files]
     except (OSError, *POLARS_ERRORS) as error:
         raise InputError(
             f"a table of flights in '{folder}' that can be read",
@@ -254,13 +254,13 @@ def _parts(folder: Path, columns: Set[str] | None) -> list[pl.DataFrame]:
         ) from error
 
 
-def _part(file: Path, columns: Set[str] | None) -> pl.DataFrame:
-    """Those of some columns that a part has; no key of another folder is read as a column."""
+def _read_part(file: Path, columns: Set[str] | None) -> pl.DataFrame:
+    """The columns of a part that are among `columns`; folder names are not read as columns."""
     content = pl.scan_parquet(_parquet(file), hive_partitioning=False)
     if columns is None:
         return content.collect()
-    there = content.collect_schema().names()
-    return content.select([name for name in there if name in columns]).collect()
+    names = content.collect_schema().names()
+    return content.select([name for name in names if name in columns]).collect()
 
 
 def quantity_names(table: pl.DataFrame) -> list[str]:
@@ -271,13 +271,13 @@ def quantity_names(table: pl.DataFrame) -> list[str]:
 
 SCHEMA = "eivor.fleet/1"
 IDENTITY, RUN = "fleet.json", ".run"
-#: Packages whose versions bear on the rows.
+#: Packages whose versions may change the rows.
 PACKAGES = ("eivor", "numpy", "scipy", "polars")
 #: Part of a motion's logs that could not be opened, written anew by every run.
 UNOPENED = "part-unopened-{motion}.parquet"
-#: What every column is, as a JSON Schema of a row.
+#: JSON Schema of a row, with a description of every column.
 COLUMNS = "schema.json"
-#: Columns that say what is there.
+#: Columns that identify the rows present.
 KEY_COLUMNS = ("name", "sha256", "verdict")
 
 #: The system's error for a file of a fleet's folder, as one of Eivor's.
@@ -285,7 +285,7 @@ report_fleet_errors = partial(report_system_errors, of="fleet", kept="Rows that 
 
 
 class SupersededError(Exception):
-    """Another run has begun on the folder; what this one makes is not wanted any more."""
+    """Another run has begun on the folder: results of this one are dropped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,30 +299,30 @@ class FleetFolder:
         """The folder for a new run, which ends the writing of all before it."""
         run = uuid.uuid4().hex
         with report_fleet_errors(self.folder):
-            for item in (self.folder, self.folder / FLIGHTS, self.folder / PENDING):
-                item.mkdir(parents=True, exist_ok=True)
-                remove_abandoned(item)
+            for path in (self.folder, self.folder / FLIGHTS, self.folder / PENDING):
+                path.mkdir(parents=True, exist_ok=True)
+                remove_abandoned(path)
             _write(self.folder / RUN, run)
         return FleetFolder(self.folder, run)
 
     def state(self, options: FleetOptions) -> None:
-        """Write down whose rows these are; those of other motions stay."""
+        """Store the options and versions of the rows; those of other motions stay."""
         versions = {package: version(package) for package in PACKAGES}
-        before = self._document()
-        if before is not None and before["versions"] != versions and part_files(self.folder):
+        stored = self._read_document()
+        if stored is not None and stored["versions"] != versions and part_files(self.folder):
             raise InputError(
-                f"the versions that made the rows of '{self.folder}': {_versions_text(before['versions'])}",
+                f"the versions that made the rows of '{self.folder}': {_versions_text(stored['versions'])}",
                 _versions_text(versions),
                 "Rows of different versions need not agree, so they are never put together. Begin anew in "
                 "another folder with -o, or install those versions.",
             )
-        held = {} if before is None else before["options"]
+        options_of = {} if stored is None else stored["options"]
         document = {
             "schema": SCHEMA,
             "versions": versions,
-            "options": {**held, options.motion: {"hash": options.hash, **options.document()}},
+            "options": {**options_of, options.motion: {"hash": options.hash, **options.document()}},
         }
-        if document != before:
+        if document != stored:
             with report_fleet_errors(self.folder):
                 _write(self.folder / IDENTITY, json.dumps(document, indent=2) + "\n")
 
@@ -330,13 +330,13 @@ class FleetFolder:
         folder = self.folder
         if folder.exists() and not folder.is_dir():
             raise UsageError("a folder for the fleet", f"the file '{folder}'", "Choose another with -o.")
-        before = self._document()
-        if before is None and part_files(folder):
+        stored = self._read_document()
+        if stored is None and part_files(folder):
             received = f"'{folder}', which has parts of flights and no {IDENTITY}"
             raise UsageError("a new folder, or the folder of a fleet", received, "Choose another with -o.")
-        held = None if before is None else before["options"].get(options.motion)
-        if held is not None and held.get("hash") != options.hash:
-            changed = [key for key, value in options.document().items() if held.get(key) != value]
+        earlier = None if stored is None else stored["options"].get(options.motion)
+        if earlier is not None and earlier.get("hash") != options.hash:
+            changed = [key for key, value in options.document().items() if earlier.get(key) != value]
             raise UsageError(
                 f"a new folder, or the options that '{folder}' was begun with for the motion "
                 f"'{options.motion}'",
@@ -345,7 +345,7 @@ class FleetFolder:
                 f"those of {IDENTITY}.",
             )
 
-    def _document(self) -> dict[str, Any] | None:
+    def _read_document(self) -> dict[str, Any] | None:
         path = self.folder / IDENTITY
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
@@ -353,13 +353,13 @@ class FleetFolder:
             return None
         except (OSError, ValueError, RecursionError):
             document = None
-        known: dict[str, Any] = document if isinstance(document, dict) else {}
-        schema, parts = known.get("schema"), (known.get("options"), known.get("versions"))
+        content: dict[str, Any] = document if isinstance(document, dict) else {}
+        schema, parts = content.get("schema"), (content.get("options"), content.get("versions"))
         if schema != SCHEMA or not all(isinstance(part, dict) for part in parts):
             received = f"'{path}' of {schema!r}" if schema else f"'{path}', which is another file"
             remedy = "Another version of Eivor made it: use that, or choose another folder with -o."
             raise InputError(f"a folder of the format {SCHEMA}", received, remedy)
-        return known
+        return content
 
     def check_run(self) -> None:
         """Refuse to go on with a run that another one has followed."""
@@ -378,7 +378,7 @@ class FleetFolder:
         with report_fleet_errors(self.folder):
             _write(self.folder / PENDING / name, content)
 
-    def there(self, motion: str) -> pl.DataFrame:
+    def opened_rows(self, motion: str) -> pl.DataFrame:
         """`KEY_COLUMNS` of a motion's rows of logs that could be opened; a damaged part is set aside."""
         parts = [pl.DataFrame(schema=dict.fromkeys(KEY_COLUMNS, pl.String))]
         with report_fleet_errors(self.folder):
@@ -387,7 +387,7 @@ class FleetFolder:
                 if not is_sealed(content, {}):
                     _write(self.folder / f"damaged-{path.name}", content)
                     path.unlink()
-                    return self.there(motion)  # what the part took in may be there still
+                    return self.opened_rows(motion)  # what the part took in may be there still
                 part = pl.read_parquet(io.BytesIO(content), columns=["motion", *KEY_COLUMNS])
                 parts.append(part.filter(motion=motion).drop_nulls("sha256").select(KEY_COLUMNS))
         return pl.concat(parts)
@@ -395,17 +395,17 @@ class FleetFolder:
     def replace_unopened(self, logs: pl.DataFrame, options: FleetOptions) -> None:
         """Write the rows of logs that could not be opened, in place of earlier ones of these logs."""
         path = self.folder / FLIGHTS / UNOPENED.format(motion=options.motion)
-        now = LogList(logs.filter(pl.col("sha256").is_null())).pages()
+        pages = LogList(logs.filter(pl.col("sha256").is_null())).pages()
         frames = [
-            flight_frame([failed_row(options.row_of(log), log.problem) for log in page]) for page in now
+            flight_frame([failed_row(options.row_of(log), log.problem) for log in page]) for page in pages
         ]
         with report_fleet_errors(self.folder):
             if path.exists():
-                frames.append(_part(path, None).join(logs, on="name", how="anti"))
+                frames.append(_read_part(path, None).join(logs, on="name", how="anti"))
             table = pl.concat([flight_frame([]), *frames], how="diagonal")
             self.check_run()
             if table.height:
-                self._put(path, table, _types(set(table.columns)))
+                self._write_part(path, table, _column_types(set(table.columns)))
             else:
                 path.unlink(missing_ok=True)
 
@@ -420,67 +420,67 @@ class FleetFolder:
             files = part_files(self.folder)
             for path in set((self.folder / PENDING).glob(PART)).difference(files):
                 path.unlink()
-            there = {path: list(pl.read_parquet_schema(_parquet(path))) for path in files}
-            types = _types({name for names in there.values() for name in names})
-            by_name = _NUMBERED.pattern, UNOPENED.format(motion=".*")  # any other is taken into one of these
-            kept = [path for path in files if any(re.fullmatch(known, path.name) for known in by_name)]
-            for path in kept:
-                if there[path] != list(types):
-                    self._put(path, _part(path, None), types, _merged(path))
-            numbers = [int(match[1]) for path in kept if (match := _NUMBERED.fullmatch(path.name))]
-            sources = [path for path in files if path not in kept]
+            columns = {path: list(pl.read_parquet_schema(_parquet(path))) for path in files}
+            types = _column_types({name for names in columns.values() for name in names})
+            patterns = _NUMBERED.pattern, UNOPENED.format(motion=".*")  # any other is taken into one of these
+            final = [path for path in files if any(re.fullmatch(pattern, path.name) for pattern in patterns)]
+            for path in final:
+                if columns[path] != list(types):
+                    self._write_part(path, _read_part(path, None), types, _merged(path))
+            numbers = [int(match[1]) for path in final if (match := _NUMBERED.fullmatch(path.name))]
+            sources = [path for path in files if path not in final]
             for number in chain(numbers, count(max(numbers, default=-1) + 1)):
                 if not sources:
                     break
                 path = self.folder / FLIGHTS / NUMBERED.format(number=number)
-                sources = self._filled(path, sources, types)
+                sources = self._fill_part(path, sources, types)
             self._describe(types, motion)
 
-    def _filled(self, path: Path, sources: list[Path], types: Mapping[str, Any]) -> list[Path]:
-        """Fill a part, and give the sources that are left."""
-        before = [pl.scan_parquet(_parquet(path), hive_partitioning=False)] if path.exists() else []
-        rows, taken = sum(part.select(pl.len()).collect().item() for part in before), 0
-        frames = [part.collect() for part in before if rows < PART_ROWS]
-        while rows < PART_ROWS and taken < len(sources):
-            frames.append(_part(sources[taken], None))
-            rows, taken = rows + frames[-1].height, taken + 1
-        if taken:
-            names = [source.name for source in sources[:taken]]
-            self._put(path, pl.concat(frames, how="diagonal"), types, names)
-            for source in sources[:taken]:
+    def _fill_part(self, path: Path, sources: list[Path], types: Mapping[str, Any]) -> list[Path]:
+        """Fill a part from sources, and return the remaining sources."""
+        existing = [pl.scan_parquet(_parquet(path), hive_partitioning=False)] if path.exists() else []
+        rows, used = sum(part.select(pl.len()).collect().item() for part in existing), 0
+        frames = [part.collect() for part in existing if rows < PART_ROWS]
+        while rows < PART_ROWS and used < len(sources):
+            frames.append(_read_part(sources[used], None))
+            rows, used = rows + frames[-1].height, used + 1
+        if used:
+            names = [source.name for source in sources[:used]]
+            self._write_part(path, pl.concat(frames, how="diagonal"), types, names)
+            for source in sources[:used]:
                 source.unlink(missing_ok=True)
-        return sources[taken:]
+        return sources[used:]
 
-    def _put(
+    def _write_part(
         self, path: Path, table: pl.DataFrame, types: Mapping[str, Any], merged: Sequence[str] = ()
     ) -> None:
-        """Put a part in its place; among the parts is never a file that is being written."""
+        """Write a part atomically: no reader sees an incomplete file among the parts."""
         absent = [pl.lit(None, kind).alias(name) for name, kind in types.items() if name not in table.columns]
-        whole = table.with_columns(absent).select(*types).sort(ORDER, nulls_last=True)
-        content = _part_bytes(whole, {MERGED: " ".join(merged)})
+        complete = table.with_columns(absent).select(*types).sort(ORDER, nulls_last=True)
+        content = _part_bytes(complete, {MERGED: " ".join(merged)})
         if not is_local(path):
             _write(path, content)
             return
-        written = self.folder / PENDING / "merging.parquet"
-        write_atomically(written, content)
-        written.replace(path)
+        temporary = self.folder / PENDING / "merging.parquet"
+        write_atomically(temporary, content)
+        temporary.replace(path)
 
     def _describe(self, types: Mapping[str, Any], motion: Motion[Any] | None) -> None:
         path = self.folder / COLUMNS
         try:
-            known = dict(json.loads(path.read_text(encoding="utf-8"))["properties"])
+            stored = dict(json.loads(path.read_text(encoding="utf-8"))["properties"])
         except (OSError, ValueError, LookupError, TypeError):
-            known = {}
+            stored = {}
         of_motion = {} if motion is None else motion.quantities
-        mine = {name for name in types if name not in known or name.rpartition(".")[0] in of_motion}
-        about = {**known, **_column_words({name: types[name] for name in types if name in mine}, motion)}
+        fresh = {name for name in types if name not in stored or name.rpartition(".")[0] in of_motion}
+        about = {**stored, **_column_words({name: types[name] for name in types if name in fresh}, motion)}
         document = {
             "$schema": "https://json-schema.org/draft/2020-12/schema",
             "title": f"A row of {FLIGHTS}/{PART}, of the format {SCHEMA}",
             "type": "object",
             "properties": {name: about[name] for name in types},
         }
-        if about != known:
+        if about != stored:
             _write(path, json.dumps(document, indent=2) + "\n")
 
 

@@ -236,14 +236,14 @@ def mean_variance(order: float, count: int, start: int = 0) -> float:
 
 def record(reading: PaperReading, example: Example, rng: np.random.Generator) -> SimulatedRecord:
     """One record under a reading, and its truth."""
-    made = simulate(scenario(reading, example), rng)
-    return made if reading.motion == "solution" else _differentiated(made, reading)
+    simulated = simulate(scenario(reading, example), rng)
+    return simulated if reading.motion == "solution" else _differentiate(simulated, reading)
 
 
-def _differentiated(made: SimulatedRecord, reading: PaperReading) -> SimulatedRecord:
+def _differentiate(record: SimulatedRecord, reading: PaperReading) -> SimulatedRecord:
     """Record whose z' and z'' come from differences or steps, with the same errors, without its edges."""
-    truth = made.truth
-    errors = {name: made.signals.channels[name] - truth.channels[name] for name in made.signals.channels}
+    truth = record.truth
+    errors = {name: record.signals.channels[name] - truth.channels[name] for name in record.signals.channels}
     velocity = truth.channels["velocity_z"]
     if reading.motion == "noisy_velocity":
         velocity = velocity + errors.pop("velocity_z")
@@ -252,14 +252,14 @@ def _differentiated(made: SimulatedRecord, reading: PaperReading) -> SimulatedRe
     else:
         height = integrated_height(velocity, truth.channels["input"], intersample=reading.intersample)
         velocity, acceleration = _DIFFERENCES[reading.motion](velocity, height)
-    made_of = {
+    exact = {
         "velocity_z": velocity,
         "acceleration_z": acceleration + truth.channels[DISTURBANCE],
         "input": truth.channels["input"],
     }
-    measured = {name: values + errors.get(name, 0.0) for name, values in made_of.items()}
+    measured = {name: values + errors.get(name, 0.0) for name, values in exact.items()}
     return SimulatedRecord(
-        _without_edges(measured, made.signals), _without_edges(made_of, truth), made.parameters
+        _without_edges(measured, record.signals), _without_edges(exact, truth), record.parameters
     )
 
 
@@ -271,8 +271,8 @@ def _without_edges(channels: dict[str, Series], like: Signals) -> Signals:
 def integrated_height(velocity: Series, drive: Series, *, intersample: Intersample) -> Series:
     """Height of an undisturbed motion from rest [m]: K z' integrated is impulse less momentum."""
     step = 1.0 / RATE_HZ
-    held = drive[:-1] if intersample is Intersample.HOLD else 0.5 * (drive[:-1] + drive[1:])
-    climbs = (TRUTH["input_gain"] * step * held - np.diff(velocity)) / TRUTH["viscous_friction"]
+    mean_drive = drive[:-1] if intersample is Intersample.HOLD else 0.5 * (drive[:-1] + drive[1:])
+    climbs = (TRUTH["input_gain"] * step * mean_drive - np.diff(velocity)) / TRUTH["viscous_friction"]
     return np.concatenate([[0.0], np.cumsum(climbs)])
 
 
@@ -308,26 +308,26 @@ def estimates(
     model = VerticalMotion(intercept=False)
     last = reading.lags - 1 if reading.as_many else reading.lags
     problems = (
-        model.regression(_known_by_variance(signals)),
+        model.regression(_white_equivalent(signals)),
         model.regression(signals, lags("input", 1, reading.lags)),
         model.regression(signals, lags("input", 0, last)),
     )
     result = np.full((len(METHODS), len(TRUTH)), np.nan)
     weak = np.zeros(len(METHODS), dtype=np.bool_)
     for pair, problem in enumerate(problems):
-        both: list[LinearMethod] = [getattr(methods, name)() for name in METHODS[2 * pair : 2 * pair + 2]]
-        moments = both[0].moments(problem)
+        solvers: list[LinearMethod] = [getattr(methods, name)() for name in METHODS[2 * pair : 2 * pair + 2]]
+        moments = solvers[0].moments(problem)
         # As the status of an estimate says it.
         if isinstance(moments, CrossMoments):
             weak[2 * pair : 2 * pair + 2] = first_stage_strengths(moments).min() < STRONG_FIRST_STAGE
         as_read = _as_read(moments, reading.compensation)
-        for index, method in enumerate(both):
+        for index, method in enumerate(solvers):
             with suppress(EivorError):  # too few equations, or no unique solution: the method says nothing
                 result[2 * pair + index] = method.solve_moments(as_read).theta
     return result, weak
 
 
-def _known_by_variance(signals: Signals) -> Signals:
+def _white_equivalent(signals: Signals) -> Signals:
     """Signals whose noises are white, of the same mean variance: all that direct methods use of them."""
     count, start = signals.sample_count, signals.offset
     noise = {
@@ -340,7 +340,7 @@ def _known_by_variance(signals: Signals) -> Signals:
 
 
 def _as_read(moments: Moments, compensation: Compensation) -> Moments:
-    """Moments with the shared noise in the place that the reading gives it."""
+    """Moments with the noise compensation of the reading."""
     if not isinstance(moments, CrossMoments) or moments.noise is None:
         return moments
     if compensation == "printed_row":
@@ -354,9 +354,9 @@ def nrmse(theta: Float[np.ndarray, "*trials parameters"]) -> Float[np.ndarray, "
     """NRMSE in percent of each parameter, and of both together: the paper's definition."""
     truth = np.array(list(TRUTH.values()))
     errors = theta - truth
-    each = 100.0 * np.abs(errors / truth)
-    together = 100.0 * np.linalg.norm(errors, axis=-1, keepdims=True) / np.linalg.norm(truth)
-    return np.concatenate([each, together], axis=-1)
+    single = 100.0 * np.abs(errors / truth)
+    joint = 100.0 * np.linalg.norm(errors, axis=-1, keepdims=True) / np.linalg.norm(truth)
+    return np.concatenate([single, joint], axis=-1)
 
 
 SEED = 20240513
@@ -367,7 +367,7 @@ PRINTED_RUNS = 100
 
 @dataclass(frozen=True, slots=True)
 class PaperResult:
-    """What came out of one example under one reading."""
+    """Results of one example under one reading."""
 
     reading: PaperReading  # The reading
     example: Example  # The example
@@ -415,8 +415,8 @@ def run_together(
     with threadpool_limits(limits=1):
         for index in range(runs):
             signals = record(readings[0], example, stream(seed, index)).signals
-            for item, reading in enumerate(readings):
-                theta[item, index], weak[item, index] = estimates(reading, signals)
+            for row, reading in enumerate(readings):
+                theta[row, index], weak[row, index] = estimates(reading, signals)
     return [
         PaperResult(reading, example, *parts) for reading, *parts in zip(readings, theta, weak, strict=True)
     ]
@@ -433,14 +433,14 @@ def run_paper(
         groups.setdefault(reading.records, []).append(reading)
     tasks = [(tuple(group), example) for group in groups.values() for example in EXAMPLES]
     waiting = [(reading, example) for reading in readings for example in EXAMPLES]
-    done: dict[tuple[str, int], PaperResult] = {}
+    finished: dict[tuple[str, int], PaperResult] = {}
     computed = local_executor(workers, len(tasks)).map(partial(run_together, runs=runs), tasks)
-    with closing(in_order(computed)) as groups_done:
-        for results in groups_done:
-            done |= {(result.reading.name, result.example.number): result for result in results}
-            while waiting and (waiting[0][0].name, waiting[0][1].number) in done:
+    with closing(in_order(computed)) as ordered:
+        for results in ordered:
+            finished |= {(result.reading.name, result.example.number): result for result in results}
+            while waiting and (waiting[0][0].name, waiting[0][1].number) in finished:
                 reading, example = waiting.pop(0)
-                yield done[reading.name, example.number]
+                yield finished[reading.name, example.number]
 
 
 def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = False) -> Nearness:
@@ -448,9 +448,9 @@ def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = Fals
     pairs = [
         (spread, printed, len(result.nrmse(method)))
         for result in results
-        for item in PRINTED_METHODS.values()
-        for method in (f"{item}_tls" if total_least_squares and item.endswith("_iv") else item,)
-        for spread, printed in zip(result.spreads(method)[:2], result.example.printed[item][:2], strict=True)
+        for name in PRINTED_METHODS.values()
+        for method in (f"{name}_tls" if total_least_squares and name.endswith("_iv") else name,)
+        for spread, printed in zip(result.spreads(method)[:2], result.example.printed[name][:2], strict=True)
     ]
     means = _factor([(spread.mean, printed.mean) for spread, printed, _ in pairs])
     stds = _factor([(spread.std, printed.std) for spread, printed, _ in pairs])

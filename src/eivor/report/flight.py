@@ -71,17 +71,17 @@ def result_card(results: Sequence[FlightEstimate]) -> Card:
     entries = sorted(card_entries(results), key=lambda entry: entry.change is None)
     by_look = {look: [entry for entry in entries if entry.look is look] for look in Look}
     lines = {
-        look: tuple(map(_line, chosen) if look in WITH_NUMBER else _missing(chosen))
+        look: tuple(map(_line, chosen) if look in WITH_NUMBER else _missing_lines(chosen))
         for look, chosen in by_look.items()
     }
-    damaged = tuple(_damaged(results[0]))
+    damaged = tuple(_damage_lines(results[0]))
     headed = [(look, HEADINGS[look], item) for look, item in lines.items()]
     headed.append((Look.CONTRADICTED, "Damaged", damaged))
     groups = tuple(CardGroup(*group) for group in headed if group[-1])
     return Card(*_title(by_look, damaged=bool(damaged)), groups)
 
 
-def _damaged(result: FlightEstimate) -> list[CardLine]:
+def _damage_lines(result: FlightEstimate) -> list[CardLine]:
     """A line for each damage of a log; the last says what to do."""
     logs = (flight.recording for flight in result.prepared)
     lines = [CardLine(log.name, item.message) for log in logs for item in log.findings if item.name in DAMAGE]
@@ -91,24 +91,24 @@ def _damaged(result: FlightEstimate) -> list[CardLine]:
 def card_entries(results: Sequence[FlightEstimate]) -> list[CardEntry]:
     """Quantities of every motion that the card has; those of one name have the motion's beside it."""
     entries = [entry for result in results for entry in _entries(result)]
-    named = Counter(entry.row.wording.words for entry in entries)
+    counts = Counter(entry.row.wording.words for entry in entries)
     for index, entry in enumerate(entries):
-        if named[entry.row.wording.words] > 1 and entry.change is None:
+        if counts[entry.row.wording.words] > 1 and entry.change is None:
             entries[index] = replace(entry, words=f"{entry.words} ({entry.result.motion.name})")
     return entries
 
 
 def answered_reasons(result: FlightEstimate) -> frozenset[Reason]:
-    """Reasons that the card gives, with what to do."""
+    """Reasons that the card gives with a remedy."""
     return frozenset(entry.reason for entry in _entries(result) if entry.look not in WITH_NUMBER)
 
 
 def _entries(result: FlightEstimate) -> Iterator[CardEntry]:
     changes = {change.quantity: change for change in _changes(result)}
     quantities = result.motion.quantities
-    listed = {*quantities.rows, *quantities.headline, *changes}
+    reported = {*quantities.rows, *quantities.headline, *changes}
     for row in doc.quantity_rows(result.quantities, quantities):
-        if row.name in listed:
+        if row.name in reported:
             change = changes.get(row.name)
             words = change.parameter.words if change and change.estimate else row.wording.words
             yield CardEntry(result, row, words, _look(row, result), change)
@@ -144,19 +144,19 @@ def _changes(result: FlightEstimate) -> tuple[ParameterChange, ...]:
 
 
 def _remark(change: ParameterChange) -> str:
-    """How the old value lies to what was flown, or why there is no new one."""
+    """Old value compared to the interval of the estimate, or the reason for no new value."""
     if change.missing:
-        return capitalised(f"{_first(change.missing)}.")
+        return capitalised(f"{_first_sentence(change.missing)}.")
     if change.estimate is None or not all(map(math.isfinite, change.estimate.interval)):
         return ""
     (low, high), old = change.estimate.interval, change.old
     new, value = change.new, change.estimate.value
-    moved = new is not None and new.value != value
-    end = ", by the curve in force. The new value belongs to the new curve: set both." if moved else "."
+    new_curve = new is not None and new.value != value
+    end = ", by the curve in force. The new value belongs to the new curve: set both." if new_curve else "."
     if low <= old <= high:
         return f"{old:.4g} is inside the interval{end}"
-    what, side = change.parameter.words.split()[0], "higher" if value > old else "lower"
-    how_far = f": {what} is {abs(value / old - 1.0):.0%} {side}" if old > 0.0 else ""
+    noun, side = change.parameter.words.split()[0], "higher" if value > old else "lower"
+    how_far = f": {noun} is {abs(value / old - 1.0):.0%} {side}" if old > 0.0 else ""
     return f"{old:.4g} is outside the interval{how_far}{end}"
 
 
@@ -173,18 +173,18 @@ def _line(entry: CardEntry) -> CardLine:
     return replace(line, remark=_remark(change), **set_to)
 
 
-def _missing(entries: Iterable[CardEntry]) -> Iterator[CardLine]:
-    """A line for each reason, with its quantities; of those with one remedy the last has it."""
+def _missing_lines(entries: Iterable[CardEntry]) -> Iterator[CardLine]:
+    """A line for each reason, with its quantities; the last of those with one remedy has the remedy."""
     names: dict[tuple[str, str], list[CardEntry]] = {}
     for entry in entries:
-        cause = entry.reason.cause
-        why = cause.value if cause is not Cause.CONTRADICTION else ""
-        names.setdefault((_remedy(entry), why or _first(entry.reason.sentence)), []).append(entry)
+        kind = entry.reason.cause
+        cause = kind.value if kind is not Cause.CONTRADICTION else ""
+        names.setdefault((_remedy(entry), cause or _first_sentence(entry.reason.sentence)), []).append(entry)
     ordered = sorted(names, key=lambda item: [remedy for remedy, _ in names].index(item[0]))
-    for index, (remedy, why) in enumerate(ordered):
-        words = ", ".join(_names(names[remedy, why]))
-        shared = index + 1 < len(ordered) and ordered[index + 1][0] == remedy
-        yield CardLine(capitalised(words), f"{why}.", remark="" if shared else remedy)
+    for index, (remedy, cause) in enumerate(ordered):
+        words = ", ".join(_names(names[remedy, cause]))
+        repeated = index + 1 < len(ordered) and ordered[index + 1][0] == remedy
+        yield CardLine(capitalised(words), f"{kind}.", remark="" if repeated else remedy)
 
 
 def _names(entries: Sequence[CardEntry]) -> Iterator[str]:
@@ -198,29 +198,29 @@ def _names(entries: Sequence[CardEntry]) -> Iterator[str]:
             yield from (entry.words for entry in (first, *others))
 
 
-def _first(sentence: str) -> str:
+def _first_sentence(sentence: str) -> str:
     return sentence.split(". ", 1)[0].removesuffix(".")
 
 
 def _remedy(entry: CardEntry) -> str:
     reason, words = entry.reason, entry.result.motion.words
-    known = log_format(entry.result.prepared[0].recording.format)
-    sweeps, faster = ("", "") if known is None else (known.sweeps, known.faster)
+    spec = log_format(entry.result.prepared[0].recording.format)
+    sweeps, faster = ("", "") if spec is None else (spec.sweeps, spec.faster)
     if reason.cause in MOVE and entry.row.name in words.planned:
-        other = f", or {sweeps}" if sweeps else ""
-        return f"Fly what eivor plan proposes for this result (--json FIT.json){other}."
+        sweep = f", or {sweeps}" if sweeps else ""
+        return f"Fly what eivor plan proposes for this result (--json FIT.json){sweep}."
     if reason.cause is Cause.EXCITATION and sweeps:
         return f"Fly {sweeps}."
     how = f" ({faster})" if faster and LOGGING.search(reason.remedy) else ""
-    return f"{_first(reason.remedy)}{how}." if reason.remedy else ""
+    return f"{_first_sentence(reason.remedy)}{how}." if reason.remedy else ""
 
 
 def _title(by_look: Mapping[Look, Sequence[CardEntry]], *, damaged: bool) -> tuple[str, Look]:
-    for look, before in ((Look.IDENTIFIED, ""), (Look.ROUGH, "roughly, ")):
+    for look, prefix in ((Look.IDENTIFIED, ""), (Look.ROUGH, "roughly, ")):
         for entry in by_look[look][:1]:
             change = entry.change if entry.change and entry.change.estimate else None
-            known = f", {change.parameter.name} is {change.old:.4g}" if change else ""
-            return capitalised(f"{before}{entry.words} {_line(entry).number}{known}"), look
+            setting = f", {change.parameter.name} is {change.old:.4g}" if change else ""
+            return capitalised(f"{prefix}{entry.words} {_line(entry).number}{setting}"), look
     if by_look[Look.CONTRADICTED]:
         return "The data contradict themselves: nothing is identified", Look.CONTRADICTED
     if damaged:
@@ -246,8 +246,8 @@ def missing_channels(recording: Recording, motion: Motion[Any]) -> tuple[str, ..
 
 def logging_advice_for(recording: Recording, channel: str) -> tuple[str, ...]:
     """What to log so that `channel` is there; empty for logs whose format has no advice."""
-    known = log_format(recording.format)
-    return known.advice(channel) if known is not None else ()
+    spec = log_format(recording.format)
+    return spec.advice(channel) if spec is not None else ()
 
 
 def spans_of(
@@ -296,10 +296,10 @@ def prediction_parts(prediction: MultiStepPrediction, *, sentence: bool = True) 
         return doc.bullets(prediction.omitted)
     sentences = ((prediction.sentence,) if sentence else ()) + (prediction.inequality,)
     horizons = (doc.TableColumn(f"{item:g} s", right=True, whole=True) for item in prediction.horizons_s)
-    rows, before = [], ""
+    rows, previous = [], ""
     for quantity, words, unit, *errors in prediction_rows(prediction):
-        rows.append(("" if quantity == before else f"{quantity} [{unit}]", words, *errors))
-        before = quantity
+        rows.append(("" if quantity == previous else f"{quantity} [{unit}]", words, *errors))
+        previous = quantity
     errors_by_horizon = doc.table((doc.TableColumn("RMS error of", whole=True), "by", *horizons), rows)
     return (errors_by_horizon, *doc.bullets((*sentences, *prediction.omitted)))
 
@@ -313,22 +313,22 @@ Check = tuple[str, str]
 def checks(result: FlightEstimate) -> Iterator[Check]:
     """Checks of an estimate, those left out that its method cannot make; none without an estimate."""
     if result.fit is not None:
-        for make in (_known_beforehand, _instruments, _constancy, _periodicity, _residual, _least_squares):
+        for make in (_prior_checks, _instruments, _constancy, _periodicity, _residual, _least_squares):
             yield from make(result, result.fit)
         yield from result.fit.motion_checks.report
 
 
-def _known_beforehand(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
+def _prior_checks(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
     if fit.lag_prior is not None:
-        yield "lag", f"{fit.lag_prior.sentence} {_tail(fit.lag_prior.p_value)}"
+        yield "lag", f"{fit.lag_prior.sentence} {_p_of(fit.lag_prior.p_value)}"
     pool = fit.pooled
     if pool is not None:
         text = ", ".join(result.motion.quantities[name].symbol for name in pool.flight_specific)
         yield (
             "pool",
             f"the flights {outcome_word(pool.agreement_p_value, AGREEMENT)} in {text} "
-            f"{_tail(pool.agreement_p_value)} and "
-            f"{outcome_word(pool.shared_p_value, AGREEMENT)} in what they share {_tail(pool.shared_p_value)}",
+            f"{_p_of(pool.agreement_p_value)} and "
+            f"{outcome_word(pool.shared_p_value, AGREEMENT)} in what they share {_p_of(pool.shared_p_value)}",
         )
     if fit.sensors is not None:
         yield "sensors", result.motion.abilities.sensors.sentence(fit.sensors)
@@ -341,19 +341,19 @@ def _instruments(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
         yield "instruments", f"first-stage F {', '.join(strengths)} ({STRONG_FIRST_STAGE:.0f} is needed)"
     agreement = fit.checks.agreement
     if agreement is not None and fit.checks.rank and isfinite(agreement.p_value):
-        yield "agreement", f"the instruments {agreement.outcome} {_tail(agreement.p_value)}"
+        yield "agreement", f"the instruments {agreement.outcome} {_p_of(agreement.p_value)}"
 
 
 def _constancy(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
     constant = fit.checks.constancy
     if constant is None:
         return
-    sentence = f"the parameters {constant.outcome} {_tail(constant.p_value)}"
+    sentence = f"the parameters {constant.outcome} {_p_of(constant.p_value)}"
     if constant.speaks:
         changes = [
             f"{wording.symbol} by {constant.change[result.names.index(name)] * wording.scale:+.2g} "
             f"{wording.shown_unit}".rstrip()
-            for name, wording in _closely(result)
+            for name, wording in _headline(result)
         ]
         sentence += f", most likely {constant.break_at:.0%} into the time used: {', '.join(changes)}"
     yield "constancy", sentence
@@ -363,7 +363,7 @@ def _periodicity(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
     swinging = fit.checks.periodicity
     if swinging is None:
         return
-    tail = _tail(swinging.p_value)
+    tail = _p_of(swinging.p_value)
     if not swinging.speaks:
         yield "periods", f"no periodic component in the residual {tail}"
         return
@@ -388,42 +388,42 @@ def _residual(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
         width = 2.0 * memory.order_error
         yield "residual", f"memory {memory.memory:.2f} ± {width:.2f} (0 = none){drifting}"
     if fit.checks.memory_by_axis:
-        each = (f"{axis} {item.memory:.2f}" for axis, item in fit.checks.memory_by_axis.items())
-        yield "by axis", f"memory of the residual: {', '.join(each)}"
+        memories = (f"{axis} {item.memory:.2f}" for axis, item in fit.checks.memory_by_axis.items())
+        yield "by axis", f"memory of the residual: {', '.join(memories)}"
     if leverage is None:
         return
-    for name, wording in _closely(result)[:1]:
+    for name, wording in _headline(result)[:1]:
         index = result.names.index(name)
-        by = float(leverage.largest[index])
-        if isfinite(by):
-            look = ": inspect that part" if abs(by) > LARGE_LEVERAGE else ""
+        size = float(leverage.largest[index])
+        if isfinite(size):
+            hint = ": inspect that part" if abs(size) > LARGE_LEVERAGE else ""
             which = f"part {leverage.most[index] + 1} of {leverage.shift.shape[0]}"
-            yield "leverage", f"dropping {which} shifts {wording.symbol} by {by:+.1f} standard errors{look}"
+            yield "leverage", f"dropping {which} shifts {wording.symbol} by {size:+.1f} standard errors{hint}"
 
 
 def _least_squares(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
-    against, sentence = fit.checks.endogeneity, []
-    if against is None:
+    test, sentence = fit.checks.endogeneity, []
+    if test is None:
         return
-    for name, wording in _closely(result):
+    for name, wording in _headline(result):
         quantity = result.quantities[name]
-        value = quantity.value - float(against.difference[result.names.index(name)])
+        value = quantity.value - float(test.difference[result.names.index(name)])
         if not isfinite(value):
             continue
-        off = (value - quantity.value) / quantity.std_error
-        remark = f", {off:+.1f} standard errors off" if against.notable(off) else ""
+        shift = (value - quantity.value) / quantity.std_error
+        remark = f", {shift:+.1f} standard errors off" if test.notable(shift) else ""
         text = f"{wording.symbol} {value * wording.scale:.3g} {wording.shown_unit}".rstrip()
         sentence.append(f"{text}{remark}")
     if sentence:
         yield "least squares", f"would give {'; '.join(sentence)}"
 
 
-def _closely(result: FlightEstimate) -> list[tuple[str, QuantitySpec]]:
+def _headline(result: FlightEstimate) -> list[tuple[str, QuantitySpec]]:
     quantities = result.motion.quantities
     return [(name, quantities[name]) for name in quantities.headline if name in result.names]
 
 
-def _tail(p_value: float) -> str:
+def _p_of(p_value: float) -> str:
     return f"(p {'<= 0.001' if p_value <= 0.001 else f'{p_value:.2g}'})"
 
 
@@ -444,27 +444,27 @@ def reported_rows(result: FlightEstimate) -> tuple[doc.QuantityRow, ...]:
 
 def further_reasons(result: FlightEstimate) -> dict[Reason, list[str]]:
     """Reasons against single quantities that are not reasons of the verdict, with the symbols of these."""
-    known = {reason.sentence for reason in result.verdict.reasons}
-    against: dict[Reason, list[str]] = {}
+    stated = {reason.sentence for reason in result.verdict.reasons}
+    symbols: dict[Reason, list[str]] = {}
     for row in reported_rows(result):
         for reason in row.quantity.reasons:
-            if reason.sentence not in known:
-                against.setdefault(reason, []).append(row.wording.symbol)
-    return against
+            if reason.sentence not in stated:
+                symbols.setdefault(reason, []).append(row.wording.symbol)
+    return symbols
 
 
 def reasons(result: FlightEstimate) -> tuple[str, ...]:
-    """Why no further, with the quantities; what reasons have in common is said once."""
-    answered, said, texts = answered_reasons(result), set[str](), []
+    """Reasons of the verdict and of quantities; sentences that they share are printed once."""
+    answered, printed, texts = answered_reasons(result), set[str](), []
     of_verdict = ((reason, "") for reason in result.verdict.reasons)
     single = ((reason, f"{', '.join(names)}: ") for reason, names in further_reasons(result).items())
     for reason, names in (*of_verdict, *single):
         if reason in answered and reason.cause is Cause.OTHER and ". " not in reason.sentence:
             continue
         first, *others = _SENTENCES.split(reason.sentence)
-        if others and others[-1] in said:
+        if others and others[-1] in printed:
             others.pop()
-        said.update(others)
+        printed.update(others)
         texts.append(names + " ".join((first, *others)))
     return tuple(texts)
 
@@ -480,7 +480,7 @@ def systematic_sentences(result: FlightEstimate) -> tuple[str, ...]:
 
 
 def remedies(result: FlightEstimate) -> tuple[str, ...]:
-    """What would change it, each remedy once, but for those that the card has."""
+    """Remedies of the reasons, each once, without those on the card."""
     answered = answered_reasons(result)
     every = (*result.verdict.reasons, *further_reasons(result))
     texts = dict.fromkeys(reason.remedy for reason in every if reason.remedy and reason not in answered)
@@ -516,23 +516,23 @@ NUMBER_COLUMNS = (
 
 
 def log_documents(result: LogEstimate, *, card: bool = False) -> tuple[doc.Document, ...]:
-    """Documents of the motions of a log behind the card of all; the last says why others are left out."""
+    """Card of all motions of a log, then a document of each; the last has the motions left out."""
     results = tuple(result.motions.values())
-    title, made = ", ".join(flight.recording.name for flight in result.first.prepared), result_card(results)
-    lines = [line for group in made.groups for line in group.lines]
-    said = {text for line in lines for text in (line.text, f"{line.words}: {line.text}")}
-    bodies = [tuple(_sections(item, said, flight_card=card)) for item in results]
+    title, head = ", ".join(flight.recording.name for flight in result.first.prepared), result_card(results)
+    lines = [line for group in head.groups for line in group.lines]
+    printed = {text for line in lines for text in (line.text, f"{line.words}: {line.text}")}
+    bodies = [tuple(_sections(item, printed, flight_card=card)) for item in results]
     bodies[-1] = (*bodies[-1], *doc.section("Left out", doc.Facts, tuple(result.left_out.items())))
     if len(results) == 1:
-        return (doc.Document(title, "", bodies[0], made),)
+        return (doc.Document(title, "", bodies[0], head),)
     titled = (
         doc.Document(item.motion.words.title, "", body) for item, body in zip(results, bodies, strict=True)
     )
-    return (doc.Document(title, "", (), made), *titled)
+    return (doc.Document(title, "", (), head), *titled)
 
 
-def _sections(result: FlightEstimate, said: set[str], *, flight_card: bool) -> Iterator[doc.Section]:
-    """Sections of a motion; what is of the log is said once of all motions."""
+def _sections(result: FlightEstimate, printed: set[str], *, flight_card: bool) -> Iterator[doc.Section]:
+    """Sections of a motion; findings of the log are printed once for all motions."""
     motion = result.motion
     numbers = {entry.row.name for entry in _entries(result) if entry.look in WITH_NUMBER}  # the card has them
     others = tuple(
@@ -540,12 +540,12 @@ def _sections(result: FlightEstimate, said: set[str], *, flight_card: bool) -> I
     )
     yield doc.Section("", (_facts(result), *((_quantity_table(others),) if others else ())))
     if result.implications.numbers:
-        yield doc.Section("What follows for the vehicle", tuple(_implied(result.implications)))
+        yield doc.Section("What follows for the vehicle", tuple(_implied_parts(result.implications)))
     yield from doc.section("Key figures", doc.Facts, _figures(result.figures))
     yield from doc.section("Why", doc.Bullets, reasons(result))
     steps = flight_steps(result)
-    where = () if flight_card or not steps or WHERE_THE_CARD_IS in said else (WHERE_THE_CARD_IS,)
-    said.update(where)
+    where = () if flight_card or not steps or WHERE_THE_CARD_IS in printed else (WHERE_THE_CARD_IS,)
+    printed.update(where)
     yield from doc.section("What to do", doc.Bullets, (*remedies(result), *where))
     yield from doc.section("Checks", doc.Facts, checks(result))
     if result.multi_step_prediction is not None:
@@ -564,8 +564,8 @@ def _sections(result: FlightEstimate, said: set[str], *, flight_card: bool) -> I
         table = _row_table([(row, row_quantities(row, motion)) for row in result.comparisons], "method")
         yield doc.Section("Methods side by side", (table, doc.Figure("methods")))
     noticed = f"Noticed in the {'logs' if len(result.prepared) > 1 else 'log'}"
-    findings = [item for item in reported_findings(result) if item not in said]
-    said.update(findings)
+    findings = [item for item in reported_findings(result) if item not in printed]
+    printed.update(findings)
     yield from doc.section(noticed, doc.Bullets, findings)
     if flight_card:
         yield from card_section(steps)
@@ -598,8 +598,8 @@ def _quantity_table(quantities: tuple[doc.QuantityRow, ...]) -> doc.TableOf:
     return doc.table(("quantity", "", *NUMBER_COLUMNS, "verdict"), rows)
 
 
-def _implied(implications: Implications) -> Iterator[doc.Part]:
-    """Numbers that follow, then in sentences those that do not, and what cannot be."""
+def _implied_parts(implications: Implications) -> Iterator[doc.Part]:
+    """Table of the implied numbers, then sentences for those without a value, and contradictions."""
     rows = []
     for number in implications.numbers:
         if number.value is not None and number.interval is not None:

@@ -63,7 +63,7 @@ class LogResponse:
 
 @dataclass(frozen=True)
 class ResponsePath:
-    """From what to what the response of an axis is, and what may be its reference."""
+    """Input, output and possible references of the response of an axis."""
 
     motion: Motion[Any]  # That selects the channels
     output: str
@@ -79,7 +79,7 @@ TURNING = {
 
 
 def response_paths(axis: str, machine: DeclaredMotion[Any] | None = None) -> dict[str, ResponsePath]:
-    """Path of each axis: of one, or of all that turn; or of those of a declared machine."""
+    """Response path by axis: of one axis, of all rotational axes, or of a declared machine's."""
     offered = {
         **TURNING,
         VERTICAL: ResponsePath(_VERTICAL, "specific_force_z", _VERTICAL.channels.references),
@@ -123,7 +123,7 @@ def log_responses(
 
 
 def response_of_axis(
-    axis: str, path: ResponsePath, flights: Sequence[PreparedFlight], named: str = "", *, loops: bool = True
+    axis: str, path: ResponsePath, flights: Sequence[PreparedFlight], chosen: str = "", *, loops: bool = True
 ) -> LogResponse:
     """Response of one axis of flights, by the reference that is named or by rule; maybe with its loops."""
     first, output = flights[0], path.output
@@ -138,7 +138,7 @@ def response_of_axis(
             raise TooFewSamplesError(expected, f"none by {flight.active.rule}", remedy)
         if output not in flight.signals.channels:
             raise MissingChannelError(f"{output} in {name}", "a log without it", "Log it.")
-    reference, findings = _reference(flights, path, named)
+    reference, findings = _reference(flights, path, chosen)
     step_s = max(flight.signals.step_s for flight in flights)
     if any(abs(flight.signals.step_s - step_s) > 1e-9 for flight in flights):
         raise UsageError("flights that are logged at one rate", "several rates", "Look at them one by one.")
@@ -150,9 +150,9 @@ def response_of_axis(
     slowest = min(flight.recording.channel(name).rate_hz for flight in flights for name in channels)
     grid = _grid(flights, slowest)
     u, y = runs(source), runs(output)
-    given: dict[str, Any] = {"rate_hz": 1.0 / step_s, "frequency_hz": grid}
+    settings: dict[str, Any] = {"rate_hz": 1.0 / step_s, "frequency_hz": grid}
     r = runs(reference) if reference else None
-    response = frequency_response(u, y, reference=r, **given)
+    response = frequency_response(u, y, reference=r, **settings)
     findings += [*response.findings, *_saturation(u, source)]
     models: tf.TransferFunctions | None = None
     controllers: tuple[tf.Controller, ...] = ()
@@ -161,7 +161,7 @@ def response_of_axis(
         declared = not path.turns and bool(path.input)
         low = min(tf.BAND_HZ[0], float(grid[0])) if declared else tf.BAND_HZ[0]
         band_hz = low, min(tf.BAND_HZ[1], float(grid[-1]))
-        models = tf.transfer_functions(response, band_hz=band_hz, sensor_filter=_filter(first, path))
+        models = tf.transfer_functions(response, band_hz=band_hz, sensor_filter=_gyro_filter(first, path))
     except EstimationError as error:
         findings.append(f"No model: {error.received}. {error.remedy}")
     if models is not None and models.chosen.p_value < UNLIKELY:
@@ -175,8 +175,8 @@ def response_of_axis(
     is_attitude = bool(reference) and reference != setpoint and not reference.startswith("injected")
     everywhere = setpoint and all(setpoint in flight.recording.channels for flight in flights)
     if loops and is_attitude and everywhere:
-        off = [commanded - got for commanded, got in zip(runs(setpoint), y, strict=True)]
-        measured = frequency_response(off, y, reference=r, **given)
+        errors = [commanded - got for commanded, got in zip(runs(setpoint), y, strict=True)]
+        measured = frequency_response(errors, y, reference=r, **settings)
         loop = None if response.is_provisional or measured.is_provisional else measured
     names = ", ".join(flight.recording.name for flight in flights)
     return LogResponse(
@@ -187,27 +187,27 @@ def response_of_axis(
 def _proposals(
     response: FrequencyResponse, models: tf.TransferFunctions
 ) -> tuple[tuple[tf.Controller, ...], tuple[str, ...]]:
-    """Controllers whose loops cross over where the response is shown, or why there is none."""
+    """Controllers whose crossover is inside the band of the response, or the reason for none."""
     if not response.is_shown.any() or response.is_provisional or models.chosen.parameters["gain"] <= 0.0:
         return (), ()
-    least, most = response.frequency_hz[response.is_shown][[0, -1]].tolist()
-    made = [(item, *item.intervals["crossover_hz"]) for item in tf.proposed_controllers(models)]
-    kept = tuple(
+    bottom, top = response.frequency_hz[response.is_shown][[0, -1]].tolist()
+    proposals = [(item, *item.intervals["crossover_hz"]) for item in tf.proposed_controllers(models)]
+    accepted = tuple(
         item
-        for item, low, high in made
-        if least <= low and high <= most and math.isfinite(item.margins.gain_margin_db)
+        for item, low, high in proposals
+        if bottom <= low and high <= top and math.isfinite(item.margins.gain_margin_db)
     )
-    if kept or not made:
-        return kept, ()
-    _, low, high = made[0]
+    if accepted or not proposals:
+        return accepted, ()
+    _, low, high = proposals[0]
     return (), (
         f"No gains are proposed: their loop crosses over at {low:.2g} to {high:.2g} Hz, and the response is "
-        f"shown from {least:.2g} to {most:.2g} Hz. Fly a sweep over the band.",
+        f"shown from {bottom:.2g} to {top:.2g} Hz. Fly a sweep over the band.",
     )
 
 
 def _runs(flight: PreparedFlight, name: str) -> Iterator[Float[np.ndarray, " n"]]:
-    """A channel, or the mean of a family, over each run; NaN where samples do not count."""
+    """A channel, or the mean of a family, over each run; NaN at samples that are not usable."""
     if name in flight.signals.channels:
         values = flight.signals.channel(name)
     elif name == flight.input.name:
@@ -218,19 +218,19 @@ def _runs(flight: PreparedFlight, name: str) -> Iterator[Float[np.ndarray, " n"]
         yield np.where(flight.usable[run], values[run], np.nan)
 
 
-def _reference(flights: Sequence[PreparedFlight], path: ResponsePath, named: str) -> tuple[str, list[str]]:
-    """Channel that serves as reference, and what is to be said of it; empty for none."""
+def _reference(flights: Sequence[PreparedFlight], path: ResponsePath, chosen: str) -> tuple[str, list[str]]:
+    """Reference channel, empty for none, and remarks on it."""
     logged = {item.name for item in flights[0].references}
     offered = dict.fromkeys(item.channel for item in path.references if item.channel in logged)
-    if named:
-        checks.index_of("a channel", named, tuple(sorted(flights[0].recording.channels)))
-        if not exogenous(named):
+    if chosen:
+        checks.index_of("a channel", chosen, tuple(sorted(flights[0].recording.channels)))
+        if not exogenous(chosen):
             raise InstrumentError(
                 "a reference that does not answer the vehicle",
-                f"{named}, which a loop makes of what is measured",
+                f"{chosen}, which a loop makes of what is measured",
                 "Name an attitude setpoint or an injected sweep.",
             )
-        return named, []
+        return chosen, []
     usable = [name for name in offered if all(name in flight.usable_references for flight in flights)]
     clean = [name for name in usable if exogenous(name)]
     if clean:
@@ -243,7 +243,7 @@ def _reference(flights: Sequence[PreparedFlight], path: ResponsePath, named: str
 
 
 def _grid(flights: Sequence[PreparedFlight], slowest_hz: float) -> Float[np.ndarray, " f"]:
-    """Frequencies from fifteen cycles of the longest run to what is sampled fast enough."""
+    """Frequencies from fifteen cycles of the longest run to a share of the slowest sampling rate."""
     longest = max((run.stop - run.start) * flight.signals.step_s for flight in flights for run in flight.runs)
     low = FIRST_CYCLES / longest
     top = min(BAND_SHARE * slowest_hz, 0.25 / flights[0].signals.step_s)
@@ -264,10 +264,10 @@ def _saturation(u: list[Float[np.ndarray, " n"]], name: str) -> list[str]:
     return [text] if share >= SATURATED else []
 
 
-def _filter(flight: PreparedFlight, path: ResponsePath) -> Any:
-    """Low pass of the gyroscope that the log declares; none else."""
-    known = flight.recording.parameters
-    cutoff = next((float(known[name]) for name in FILTERS if known.get(name)), 0.0) if path.turns else 0.0
+def _gyro_filter(flight: PreparedFlight, path: ResponsePath) -> Any:
+    """Response of the gyroscope's low-pass filter in the log's parameters; unity without one."""
+    logged = flight.recording.parameters
+    cutoff = next((float(logged[name]) for name in FILTERS if logged.get(name)), 0.0) if path.turns else 0.0
 
     def low_pass(s: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
         if cutoff <= 0.0:
@@ -287,11 +287,11 @@ def response_document(item: LogResponse) -> Document:
     bands = f"{response.level:.0%} at each frequency by itself"
     reference = item.reference or "none"
     facts = (("from", item.input), ("to", item.output), ("reference", reference), ("bands", bands))
-    known = (_frequencies(response),) if response.is_shown.any() else ()
-    sections = [Section("", (Facts(facts), *known))]
+    rows = (_frequencies(response),) if response.is_shown.any() else ()
+    sections = [Section("", (Facts(facts), *rows))]
     if item.models is not None:
         sections.append(Section("Models by order", (_orders(item.models),)))
-        sections.append(Section("What the orders within 4 AICc allow", (_shared(item.models),)))
+        sections.append(Section("What the orders within 4 AICc allow", (_shared_parameters(item.models),)))
     if item.controllers:
         sections.append(Section("Controllers, to be test-flown; none is applied", _controllers(item)))
     if item.loop is not None and item.loop.is_shown.any():
@@ -310,7 +310,7 @@ def _frequencies(response: FrequencyResponse) -> Any:
         "low": [f"{value:.1f}" for value in decibels[:, 1]],
         "high": [f"{value:.1f}" for value in decibels[:, 2]],
         "phase [°]": [f"{value:.0f}" for value in phase],
-        "±": [_known(value, ".1f") for value in 0.5 * (late - early)],
+        "±": [_number_text(value, ".1f") for value in 0.5 * (late - early)],
         "u, y": [f"{value:.2f}" for value in response.direct_coherence],
     }
     if not response.is_direct:
@@ -322,7 +322,7 @@ def _frequencies(response: FrequencyResponse) -> Any:
     return table(titles, ([cells[k] for cells in columns.values()] for k in picked.tolist()))
 
 
-def _known(value: float, form: str) -> str:
+def _number_text(value: float, form: str) -> str:
     return "" if math.isnan(value) else f"{value:{form}}"
 
 
@@ -343,20 +343,20 @@ def _orders(models: tf.TransferFunctions) -> Any:
                 f"{1e3 * model.lag_s:.1f}",
                 f"{1e3 * value['delay']:.1f}",
                 f"{value['damping']:.2f}",
-                _known(model.natural_frequency_hz, ".2g"),
-                _known(model.damping_ratio, ".2g"),
+                _number_text(model.natural_frequency_hz, ".2g"),
+                _number_text(model.damping_ratio, ".2g"),
             )
         )
     titles = ("order", "ΔAICc", "p", "gain", "lag [ms]", "delay [ms]", "damping [1/s]", "f₀ [Hz]", "ζ")
     return table([TableColumn(title, right=True) for title in titles], rows)
 
 
-def _shared(models: tf.TransferFunctions) -> Any:
+def _shared_parameters(models: tf.TransferFunctions) -> Any:
     scales = {"lag": ("lag [ms]", 1e3), "delay": ("delay [ms]", 1e3), "damping": ("damping [1/s]", 1.0)}
     rows = []
     for name in tf.SHARED:
         words, scale = scales.get(name, (name, 1.0))
-        rows.append((words, *(_ends(of.intervals[name], scale) for of in (models, models.chosen))))
+        rows.append((words, *(_ends(model.intervals[name], scale) for model in (models, models.chosen))))
     titles = (f"{models.level:.0%}, all orders", "chosen order")
     return table(("", *(TableColumn(title, whole=True) for title in titles)), rows)
 
@@ -372,8 +372,8 @@ def _controllers(item: LogResponse) -> tuple[Any, ...]:
         gains = f"{controller.proportional:.3g}", f"{controller.integral_s:.2f}"
         rows.append((controller.name, *gains, *cells))
         for values in controller.autopilot_parameters(item.axis).values():
-            written = ", ".join(f"{key} {x:.4g}" for key, x in values.items())
-            bullets.append(f"{controller.name}: {written}")
+            settings = ", ".join(f"{key} {x:.4g}" for key, x in values.items())
+            bullets.append(f"{controller.name}: {settings}")
     return table(("", "P", "Ti [s]", *(words for words, _ in margins.values())), rows), Bullets(
         tuple(bullets)
     )
@@ -396,7 +396,7 @@ def _loop(loop: FrequencyResponse) -> Any:
         if name in LOOP:
             words, decimals = LOOP[name]
             ends = "" if math.isnan(low) else _ends((low, high))
-            rows.append((words, _known(value, f".{decimals}f"), ends))
+            rows.append((words, _number_text(value, f".{decimals}f"), ends))
     return table(("", TableColumn("value", right=True), f"{loop.level:.0%}"), rows)
 
 
@@ -474,35 +474,35 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class Curves:
-    """What is drawn over frequency in files and on pages; NaN where nothing is known."""
+    """Curves over frequency, for files and pages; NaN outside the band that is known."""
 
     kind: str
     unit: str
     lines: list[tuple[str, str, Values]]  # Words and look of each
-    bands: tuple[Float[np.ndarray, "f 2"], ...] = ()  # That of all frequencies together, and of each
+    bands: tuple[Float[np.ndarray, "f 2"], ...] = ()  # Simultaneous, then pointwise
 
 
 def _curves(item: LogResponse) -> Iterator[Curves]:
     response, mask = item.response, item.response.is_shown
     name = "direct, biased in closed loop" if response.is_direct else "on the reference"
-    known = [(name, "measured", response.response, mask)]
+    series = [(name, "measured", response.response, mask)]
     coherences = [("input, output", "residual", response.direct_coherence)]
     if not response.is_direct:
-        known.append(("direct, biased", "residual", response.direct, np.isfinite(response.direct)))
+        series.append(("direct, biased", "residual", response.direct, np.isfinite(response.direct)))
         coherences.append(("reference, input", "measured", response.points.coherence))
         coherences.append(("input, output without the reference", "predicted", response.points.partial))
     if item.models is not None:
         model = item.models.chosen
         values = model.response(response.frequency_hz)
-        known.append((f"model of order {model.order}", "predicted", values, np.ones_like(mask)))
-    both = response.simultaneous_bands, response.bands
-    # whole turns that phases without jumps are away from those of the bands [degrees]
+        series.append((f"model of order {model.order}", "predicted", values, np.ones_like(mask)))
+    bands_of = response.simultaneous_bands, response.bands
+    # multiples of 360 degrees from the phases of the bands to the unwrapped phases
     turn = _unwrapped(response.response, mask) - np.rad2deg(np.angle(response.response))
-    sizes = [(name, look, np.where(where, _decibels(of), np.nan)) for name, look, of, where in known]
-    bands = tuple(np.where(mask[:, None], _decibels(band), np.nan) for band, _ in both)
+    sizes = [(name, look, np.where(where, _decibels(curve), np.nan)) for name, look, curve, where in series]
+    bands = tuple(np.where(mask[:, None], _decibels(band), np.nan) for band, _ in bands_of)
     yield Curves("magnitude", "dB", sizes, bands)
-    phases = [(name, look, _unwrapped(of, where)) for name, look, of, where in known]
-    yield Curves("phase", "°", phases, tuple(np.rad2deg(band) + turn[:, None] for _, band in both))
+    phases = [(name, look, _unwrapped(curve, where)) for name, look, curve, where in series]
+    yield Curves("phase", "°", phases, tuple(np.rad2deg(band) + turn[:, None] for _, band in bands_of))
     yield Curves("coherence", "", coherences)
 
 
@@ -539,13 +539,13 @@ def _response_charts(item: LogResponse) -> Iterator[plots.Picture]:
     response = item.response
     words = f"{item.input} to {item.output}, on {item.reference}; {response.level:.0%} bands."
     x = np.log10(response.frequency_hz)
-    over, view = ((float(part[0]), float(part[-1])) for part in (x, x[response.is_shown]))
+    full, view = ((float(part[0]), float(part[-1])) for part in (x, x[response.is_shown]))
     for curves in _curves(item):
         ends = [pair for band in curves.bands[-1:] for pair in zip(("low", "high"), band.T, strict=True)]
         edges = (plots.Line(f"{end} end of the band", "edge", values) for end, values in ends)
         lines = (*edges, *(plots.Line(*line) for line in curves.lines))
         chart = plots.Chart(
-            f"response-{item.axis}", curves.unit, x, lines, over, view, (), over_frequency=True
+            f"response-{item.axis}", curves.unit, x, lines, full, view, (), over_frequency=True
         )
         unit = f" [{curves.unit}]" if curves.unit else ""
         yield plots.Picture(f"Response of {item.axis}: {curves.kind}{unit}", words, chart)

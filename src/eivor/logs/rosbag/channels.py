@@ -343,7 +343,7 @@ def read_bag(path: Path, options: common.ReadOptions, log_format: str) -> Record
 
 
 def _nothing(path: Path, contents: ros.Contents, findings: list[Finding]) -> EmptyLogError:
-    topics = [f"{name} ({kind})" for name, kind in sorted(contents.listed.items())]
+    topics = [f"{name} ({kind})" for name, kind in sorted(contents.kinds.items())]
     more = f" and {len(topics) - _MOST_LISTED} more" if len(topics) > _MOST_LISTED else ""
     text = ", ".join(topics[:_MOST_LISTED]) + more
     sentence = " ".join(finding.message for finding in findings)

@@ -33,16 +33,16 @@ POSITION_BITS = {"position": 1, "velocity": 8, "acceleration_or_force": 64}
 RATE_BITS, NO_THRUST, NO_ATTITUDE = {"x": 1, "y": 2, "z": 4}, 64, 128
 ON_GROUND, UNKNOWN_STATE = 1, 0
 #: Fields of quaternions, in the order of `eivor.signals.channels`, and of the velocity in the body's axes.
-_TURN = tuple(f"orientation.{part}" for part in "wxyz")
-_POSE = tuple(f"pose.pose.{name}" for name in _TURN)
-_MOVED = tuple(f"twist.twist.linear.{axis}" for axis in "xyz")
+_QUATERNION = tuple(f"orientation.{part}" for part in "wxyz")
+_POSE = tuple(f"pose.pose.{name}" for name in _QUATERNION)
+_VELOCITY = tuple(f"twist.twist.linear.{axis}" for axis in "xyz")
 _RATES = tuple(f"body_rate.{axis}" for axis in RATE_BITS)
 
 
 def with_derived(kind: str, fields: Fields) -> dict[str, np.ndarray]:
-    """Return the columns of a topic with those that are worked out of them."""
-    needed, made = _MAKERS.get(kind, ((), dict))
-    return {**fields, **(made(fields) if all(name in fields for name in needed) else {})}
+    """Return the columns of a topic with those derived from them."""
+    needed, derive = _MAKERS.get(kind, ((), dict))
+    return {**fields, **(derive(fields) if all(name in fields for name in needed) else {})}
 
 
 def _masked(values: np.ndarray, out_of_force: np.ndarray) -> Float[np.ndarray, " n"]:
@@ -51,21 +51,21 @@ def _masked(values: np.ndarray, out_of_force: np.ndarray) -> Float[np.ndarray, "
 
 def _odometry(fields: Fields) -> Fields:
     """The velocity of an odometry message, which is in the body's axes, in those of the world."""
-    w, *turn = (fields[name].astype(np.float64) for name in _POSE)
-    axis = np.stack(turn)
-    body = np.stack([fields[name].astype(np.float64) for name in _MOVED])
+    w, *parts = (fields[name].astype(np.float64) for name in _POSE)
+    axis = np.stack(parts)
+    body = np.stack([fields[name].astype(np.float64) for name in _VELOCITY])
     norm = w**2 + np.sum(axis**2, axis=0)
     with np.errstate(all="ignore"):
-        once = np.cross(axis, body, axis=0)
-        world = body + 2.0 * (w * once + np.cross(axis, once, axis=0)) / norm
+        cross = np.cross(axis, body, axis=0)
+        world = body + 2.0 * (w * cross + np.cross(axis, cross, axis=0)) / norm
     return {f"twist.world.{letter}": values for letter, values in zip("xyz", world, strict=True)}
 
 
 def _imu(fields: Fields) -> Fields:
     """Orientation, not a number where the driver says that it has none."""
     absent = fields["orientation_covariance[0]"] == -1.0
-    absent |= sum(np.abs(fields[name]) for name in _TURN) == 0.0
-    return {name: _masked(fields[name], absent) for name in _TURN}
+    absent |= sum(np.abs(fields[name]) for name in _QUATERNION) == 0.0
+    return {name: _masked(fields[name], absent) for name in _QUATERNION}
 
 
 def _position_target(fields: Fields) -> Fields:
@@ -86,27 +86,27 @@ def _attitude_target(fields: Fields) -> Fields:
     if mask.dtype.kind not in "iu":
         return {}
     free = (mask & NO_ATTITUDE) != 0
-    turn = np.stack([_masked(fields[name], free) for name in _TURN])
+    quaternion = np.stack([_masked(fields[name], free) for name in _QUATERNION])
     with np.errstate(all="ignore"):
-        length = np.linalg.norm(turn, axis=0)
-        angles = roll_pitch_yaw(np.where(length > 0.5, turn / length, np.nan))
-    made = {name: np.asarray(angle) for name, angle in zip(("roll", "pitch", "yaw"), angles, strict=True)}
+        length = np.linalg.norm(quaternion, axis=0)
+        angles = roll_pitch_yaw(np.where(length > 0.5, quaternion / length, np.nan))
+    columns = {name: np.asarray(angle) for name, angle in zip(("roll", "pitch", "yaw"), angles, strict=True)}
     bits = dict(zip(_RATES, RATE_BITS.values(), strict=True)) | {"thrust": NO_THRUST}
-    return made | {name: _masked(fields[name], (mask & bit) != 0) for name, bit in bits.items()}
+    return columns | {name: _masked(fields[name], (mask & bit) != 0) for name, bit in bits.items()}
 
 
 def _state(fields: Fields) -> Fields:
     modes = fields["mode"]
     if modes.dtype.kind != "S":
         return {}
-    known = {
+    groups = {
         "pilot_in_control": PILOT_MODES,
         "input_open_loop": OPEN_LOOP_MODES,
         "pilot_sets_attitude": ATTITUDE_MODES,
     }
     return {
         name: np.isin(modes, [mode.encode() for mode in which]).astype(np.float64)
-        for name, which in known.items()
+        for name, which in groups.items()
     }
 
 
@@ -115,19 +115,19 @@ def _extended_state(fields: Fields) -> Fields:
     return {"landed": _masked(state == ON_GROUND, state == UNKNOWN_STATE)}
 
 
-#: By the type of a message: the fields that are needed, and what is worked out of them.
+#: By the type of a message: the fields that are needed, and the function that derives columns.
 _MAKERS: Mapping[str, tuple[tuple[str, ...], Callable[[Fields], Fields]]] = {
-    "nav_msgs/Odometry": ((*_POSE, *_MOVED), _odometry),
-    "sensor_msgs/Imu": (("orientation_covariance[0]", *_TURN), _imu),
+    "nav_msgs/Odometry": ((*_POSE, *_VELOCITY), _odometry),
+    "sensor_msgs/Imu": (("orientation_covariance[0]", *_QUATERNION), _imu),
     "mavros_msgs/PositionTarget": (("type_mask", "coordinate_frame"), _position_target),
-    "mavros_msgs/AttitudeTarget": (("type_mask", *_TURN, *_RATES, "thrust"), _attitude_target),
+    "mavros_msgs/AttitudeTarget": (("type_mask", *_QUATERNION, *_RATES, "thrust"), _attitude_target),
     "mavros_msgs/State": (("mode",), _state),
     "mavros_msgs/ExtendedState": (("landed_state",), _extended_state),
 }
 
 #: Messages are recorded as they arrive, which may be late by so much; more is a jump of the clock [ns].
 OVERTAKEN_NS = 500_000_000
-#: Topics whose stamps are this much further from the time of the record than others' have another clock [s].
+#: Largest difference between the clock offsets of topics on one clock [s].
 SAME_CLOCK_S = 5.0
 #: Stamps beyond these are none: half of what 64 bits hold [ns].
 LAST_NS = 1 << 62
@@ -172,11 +172,11 @@ class BagTopic:
 
 @dataclass(slots=True)
 class Contents:
-    """What was read of a bag."""
+    """Messages read from a bag."""
 
     topics: dict[str, RawTopic] = field(default_factory=dict)  # Those that were wanted, with their messages
-    listed: dict[str, str] = field(default_factory=dict)  # Type of each topic that has messages
-    wanted: set[str] = field(default_factory=set)  # Topics whose messages are read
+    kinds: dict[str, str] = field(default_factory=dict)  # Type of each topic that has messages
+    selected: set[str] = field(default_factory=set)  # Topics whose messages are read
     declared: Counter[str] = field(default_factory=Counter)  # Messages of all topics, by the files' indices
     received: Counter[str] = field(default_factory=Counter)  # Messages that the files gave
 
@@ -186,28 +186,28 @@ class Contents:
 
 
 def read_contents(
-    files: Sequence[Path], wanted: Callable[[str, str], bool], findings: list[Finding], max_bytes: int
+    files: Sequence[Path], selects: Callable[[str, str], bool], findings: list[Finding], max_bytes: int
 ) -> Contents:
     """Read the messages of some topics out of the files of a bag."""
     budget = Budget.of(sum(file.stat().st_size for file in files), max_bytes)
     contents = Contents()
     for file in files:
-        before = contents.size
+        previous = contents.size
         try:
-            _add_file(file, wanted, budget, contents)
+            _add_file(file, selects, budget, contents)
         except CorruptLogError as error:
-            got = contents.size - before
+            got = contents.size - previous
             if not got and len(files) == 1:
                 raise
             text = f"{got} messages of '{file.name}' were read" if got else "A part was left out"
             findings.append(Finding("corrupt_parts", f"{text}: {error.received}."))
-    findings += _lost(contents, declared_by_metadata(files))
+    findings += _lost_findings(contents, declared_by_metadata(files))
     return contents
 
 
-def _lost(contents: Contents, metadata: Counter[str]) -> list[Finding]:
-    """Say of which topics the bag declares more messages than it gave."""
-    unread = contents.listed.keys() - contents.wanted
+def _lost_findings(contents: Contents, metadata: Counter[str]) -> list[Finding]:
+    """Finding on the topics of which the bag declares more messages than were read."""
+    unread = contents.kinds.keys() - contents.selected
     texts = [
         f"{name} {count - contents.received[name]} of {count}"
         for name, count in (contents.declared | metadata).items()
@@ -216,16 +216,16 @@ def _lost(contents: Contents, metadata: Counter[str]) -> list[Finding]:
     return noted("lost_messages", "Messages that the bag declares and that are not there: {}.", texts)
 
 
-def _add_file(file: Path, wanted: Callable[[str, str], bool], budget: Budget, contents: Contents) -> None:
+def _add_file(file: Path, selects: Callable[[str, str], bool], budget: Budget, contents: Contents) -> None:
     from rosbags.interfaces import MessageDefinitionFormat
 
     with opened(file, budget) as (reader, ros1):
         connections = reader.connections
         types = {item.id: messages.type_name(item.msgtype) for item in connections}
-        contents.listed |= {item.topic: types[item.id] for item in connections if item.msgcount}
-        chosen = [item for item in connections if wanted(item.topic, types[item.id])]
+        contents.kinds |= {item.topic: types[item.id] for item in connections if item.msgcount}
+        chosen = [item for item in connections if selects(item.topic, types[item.id])]
         contents.declared += declared(reader, ros1=ros1)
-        contents.wanted |= {item.topic for item in chosen}
+        contents.selected |= {item.topic for item in chosen}
         for item, record_ns, payload in reader.messages(chosen) if chosen else ():
             contents.received[item.topic] += 1
             raw = contents.topics.get(item.topic)
@@ -239,52 +239,52 @@ def _add_file(file: Path, wanted: Callable[[str, str], bool], budget: Budget, co
 
 
 def as_columns(raw: RawTopic, layout_of: messages.LayoutOf, findings: list[Finding]) -> BagTopic | None:
-    """Return a topic as columns; None when it has no sound message, or none that says when it is from."""
-    made, indices, reason = messages.decoded(raw.payloads, layout_of)
-    lost = len(raw.payloads) - indices.size
-    text = f"{raw.name} ({raw.kind}) that were left out: {lost}, as {reason}"
-    findings += noted("message_formats", "Messages of {}.", lost and text)
+    """Return a topic as columns; None when it has no sound message, or none with a time stamp."""
+    columns, indices, reason = messages.decoded(raw.payloads, layout_of)
+    dropped = len(raw.payloads) - indices.size
+    text = f"{raw.name} ({raw.kind}) that were left out: {dropped}, as {reason}"
+    findings += noted("message_formats", "Messages of {}.", dropped and text)
     if not indices.size:
         return None
-    stamp_ns = _stamps(made)
+    stamp_ns = _stamps(columns)
     if stamp_ns is None:
         sentence = f"Messages of {raw.name} ({raw.kind}) do not say when they are from, and are not used."
         findings.append(Finding("time_stamps", sentence))
         return None
-    message = (stamp_ns > 0) & (stamp_ns < LAST_NS)
-    if message.any():
-        message &= np.abs(stamp_ns - int(np.median(stamp_ns[message]))) <= round(MAX_SPAN_S * 1e9)
-    lost = int((~message).sum())
-    text = f"{raw.name} without a stamp that can be, which were left out: {lost}"
-    findings += noted("time_stamps", "Messages of {}.", lost and text)
-    if not message.any():
+    is_valid = (stamp_ns > 0) & (stamp_ns < LAST_NS)
+    if is_valid.any():
+        is_valid &= np.abs(stamp_ns - int(np.median(stamp_ns[is_valid]))) <= round(MAX_SPAN_S * 1e9)
+    dropped = int((~is_valid).sum())
+    text = f"{raw.name} without a stamp that can be, which were left out: {dropped}"
+    findings += noted("time_stamps", "Messages of {}.", dropped and text)
+    if not is_valid.any():
         return None
-    kept = _in_order(stamp_ns, np.flatnonzero(message))
+    order = _in_order(stamp_ns, np.flatnonzero(is_valid))
     fields = {
-        name: values[kept]
-        for name, values in made.items()
+        name: values[order]
+        for name, values in columns.items()
         if values.dtype.kind != "S" or (raw.kind, name) in TEXTS
     }
-    record_ns = np.array(raw.record_ns, dtype=np.int64)[indices][kept]
-    return BagTopic(raw.name, raw.kind, fields, stamp_ns[kept], record_ns)
+    record_ns = np.array(raw.record_ns, dtype=np.int64)[indices][order]
+    return BagTopic(raw.name, raw.kind, fields, stamp_ns[order], record_ns)
 
 
-def _in_order(stamp_ns: Int[np.ndarray, " n"], kept: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
-    """Which messages, in the order of their stamps where they overtook each other on their way only."""
-    stamps = stamp_ns[kept]
-    behind = np.maximum.accumulate(stamps) - stamps
-    return kept[np.argsort(stamps, kind="stable")] if behind.max() <= OVERTAKEN_NS else kept
+def _in_order(stamp_ns: Int[np.ndarray, " n"], indices: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
+    """Indices sorted by stamp where delays are small enough for transport, else in the recorded order."""
+    stamps = stamp_ns[indices]
+    delays = np.maximum.accumulate(stamps) - stamps
+    return indices[np.argsort(stamps, kind="stable")] if delays.max() <= OVERTAKEN_NS else indices
 
 
 def _stamps(fields: Mapping[str, np.ndarray]) -> Int[np.ndarray, " n"] | None:
-    """What messages say of when they are from [ns]: PX4's stamp in microseconds, or the header's."""
+    """Time stamps of messages [ns]: PX4's stamp in microseconds, or the header's."""
     microseconds = fields.get("timestamp")
     if microseconds is not None and microseconds.dtype.kind == "u" and microseconds.dtype.itemsize == 8:
         return np.where(microseconds < LAST_NS // 1000, microseconds, 0).astype(np.int64) * 1000
-    seconds, rest = fields.get("header.stamp.sec"), fields.get("header.stamp.nanosec")
-    if seconds is None or rest is None or {seconds.dtype.kind, rest.dtype.kind} - {"i", "u"}:
+    seconds, nanoseconds = fields.get("header.stamp.sec"), fields.get("header.stamp.nanosec")
+    if seconds is None or nanoseconds is None or {seconds.dtype.kind, nanoseconds.dtype.kind} - {"i", "u"}:
         return None
-    return seconds.astype(np.int64) * 1_000_000_000 + rest.astype(np.int64)
+    return seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
 
 
 def of_one_clock(topics: Sequence[BagTopic], findings: list[Finding]) -> list[BagTopic]:
@@ -292,8 +292,8 @@ def of_one_clock(topics: Sequence[BagTopic], findings: list[Finding]) -> list[Ba
     if not topics:
         return []
     offsets = np.array([np.median(topic.stamp_ns - topic.record_ns) for topic in topics]) * 1e-9
-    near = np.abs(offsets[:, None] - offsets) <= SAME_CLOCK_S
-    best = near[np.argmax(near @ np.array([topic.stamp_ns.size for topic in topics]))].tolist()
+    same_clock = np.abs(offsets[:, None] - offsets) <= SAME_CLOCK_S
+    best = same_clock[np.argmax(same_clock @ np.array([topic.stamp_ns.size for topic in topics]))].tolist()
     others = [topic.name for topic, is_near in zip(topics, best, strict=True) if not is_near]
     findings += noted("clocks", "Stamps of another clock than the others', which are not used: {}.", others)
     return [topic for topic, is_near in zip(topics, best, strict=True) if is_near]
@@ -316,7 +316,7 @@ def map_channels(
     chosen: ChannelMap, contents: Contents, name: str, findings: list[Finding]
 ) -> dict[str, Channel]:
     """Return the channels that a map makes of a bag."""
-    _check(chosen, contents.listed, name)
+    _check(chosen, contents.kinds, name)
     columns = [as_columns(raw, raw.defined(), findings) for raw in contents.topics.values()]
     topics = of_one_clock([column for column in columns if column is not None], findings)
     tables = {topic.name: with_derived(topic.kind, topic.fields) for topic in topics}
