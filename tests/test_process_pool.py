@@ -78,16 +78,16 @@ def test_the_last_attempt_has_the_computer_for_itself():
     turns, seen = process_pool._Turns(), []
 
     def attempt(alone):
-        with turns.turn(lambda: False, alone=alone):
+        with turns.turn(lambda: False, exclusive=alone):
             seen.append(alone)
 
     threads = [threading.Thread(target=attempt, args=(alone,)) for alone in (True, False)]
-    with turns.turn(lambda: False, alone=False):
+    with turns.turn(lambda: False, exclusive=False):
         for thread in threads:
             thread.start()
-            wait_until(lambda: turns._wanted)
+            wait_until(lambda: turns._exclusive)
         assert seen == []
-        with pytest.raises(AbandonedError), turns.turn(lambda: True, alone=True):
+        with pytest.raises(AbandonedError), turns.turn(lambda: True, exclusive=True):
             pass
     for thread in threads:
         thread.join()
@@ -113,7 +113,7 @@ def test_progress_comes_in_order_and_anew_with_another_attempt(tmp_path, monkeyp
 
 
 def test_a_result_that_cannot_be_read_ends_its_process(monkeypatch):
-    monkeypatch.setattr(process_pool, "WORDS_S", 0.1)
+    monkeypatch.setattr(process_pool, "DEATH_S", 0.1)
     with pytest.raises(LimitError, match=r"died \(signal 9\)"):
         WorkerProcess(unreadable)(1)
 

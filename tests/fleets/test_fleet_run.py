@@ -20,7 +20,7 @@ from statsmodels.stats.meta_analysis import combine_effects
 
 from eivor.atomic_file import folder_lock, parquet_bytes
 from eivor.errors import InputError, UsageError
-from eivor.fleet.analysis import STEADY, STEPS, across_of, fleet_report, fleet_reports, wanted_columns
+from eivor.fleet.analysis import STEADY, STEPS, across_of, fleet_report, fleet_reports, report_columns
 from eivor.fleet.logs import LogList, logs_found, path_fields, with_covariates
 from eivor.fleet.report import fleet_document, flight_links, interval_text, linked
 from eivor.fleet.run import compact_fleet, hashed, run_fleet
@@ -716,7 +716,7 @@ def test_a_folder_has_a_report_for_each_motion(tmp_path):
     reports = fleet_reports(fleet)
     assert [report.motion.name for report in reports] == ["rates", "vertical"]
     assert of(reports[1], FRICTION)["pooled"].to_list() == [1, 1]
-    assert set(wanted_columns(across_of(VERTICAL))) >= {"air_density", f"{GAIN}.std_error"}
+    assert set(report_columns(across_of(VERTICAL))) >= {"air_density", f"{GAIN}.std_error"}
 
 
 HASH = "0123456789abcdef" * 4

@@ -25,7 +25,7 @@ from eivor.motions.vertical.motion import Vertical
 from eivor.report.document import Cell, Document, Facts, Section, table
 from eivor.report.figure_panels import Chart, Line, PlottedInterval, draw_forest, forest_picture
 from eivor.report.flight import log_documents, result_card
-from eivor.report.flight_page import MISSING, drawing, flight_page, packed
+from eivor.report.flight_page import MISSING, drawing, flight_page, pack
 from eivor.report.html import rendered
 from eivor.signals.recording import Finding, Recording
 from report.parsed_page import Element, numbers_in, parsed
@@ -279,7 +279,7 @@ def test_a_long_series_keeps_its_extremes_where_they_are():
     time_s = 0.01 * np.arange(50_000)
     values = np.random.default_rng(0).standard_normal(time_s.size)
     values[[12_345, 30_001]] = 40.0, -50.0
-    times, back = unpacked(packed(chart(time_s, values), 2000))
+    times, back = unpacked(pack(chart(time_s, values), 2000))
     assert times.size <= 2010
     assert times[np.argmax(back)] == pytest.approx(123.45, abs=0.5)
     assert times[np.argmin(back)] == pytest.approx(300.01, abs=0.5)
@@ -324,7 +324,7 @@ def test_a_forest_is_made_for_what_is_known_and_cuts_the_rest():
 
 @pytest.mark.parametrize("values", [np.full(5, np.nan), np.full(5, 1800.0), np.array([3.0])])
 def test_a_series_without_a_range_is_packed_too(values):
-    _, back = unpacked(packed(chart(0.01 * np.arange(values.size), values), 1000))
+    _, back = unpacked(pack(chart(0.01 * np.arange(values.size), values), 1000))
     np.testing.assert_array_equal(back, values)
 
 

@@ -22,7 +22,7 @@ class QuickWork:
 
     def __call__(self, item, tell):
         """Outcome of a task."""
-        given: dict[str, Any] = dict(item.given)
+        given: dict[str, Any] = dict(item.arguments)
         if item.name == "choices":
             return {"models": [{"name": "vertical", "words": "up and down"}]}
         if item.name == "identify":

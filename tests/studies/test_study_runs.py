@@ -383,13 +383,13 @@ def test_trials_side_by_side_are_those_of_one_by_one(experiment, alone, monkeypa
     )
     study = small_study(experiment=experiment, methods=choices, runs=12)
     expected = [lab_study.trial(study, index) for index in range(12)]
-    taken, one_by_one = set(), lab_study._estimated
+    taken, one_by_one = set(), lab_study._estimate
 
     def estimated(study, choice, signals):
         taken.add(choice.name)
         return one_by_one(study, choice, signals)
 
-    monkeypatch.setattr(lab_study, "_estimated", estimated)
+    monkeypatch.setattr(lab_study, "_estimate", estimated)
     for row, one in zip(lab_study.side_by_side(study, range(12)), expected, strict=True):
         for key, value in one.items():
             assert row[key] == (pytest.approx(value, rel=1e-12) if isinstance(value, float) else value)

@@ -62,12 +62,12 @@ def deviation_p_values(ordered: Ordered, line: Rows, leverage: Rows, parameters:
     """P-value of each row by its residual over what the other rows scatter. Performs no checks."""
     groups, w = ordered.groups, ordered.weights
     remaining = np.maximum(1.0 - leverage, 1e-9)
-    off = (ordered.y - line) ** 2
-    square = w * off
+    squares = (ordered.y - line) ** 2
+    weighted = w * squares
     degrees = groups.spread(groups.sizes - parameters - 1.0)
-    others = groups.spread(groups.sums(square)) - square / remaining
+    others = groups.spread(groups.sums(weighted)) - weighted / remaining
     scale = np.maximum(others / np.maximum(degrees, 1.0), groups.spread(ordered.least_scale))
-    score = np.sqrt(ordered.own_weights * off / remaining / scale)
+    score = np.sqrt(ordered.own_weights * squares / remaining / scale)
     p_values = np.ones(w.size)
     far = (degrees >= 1.0) & (score > NEAR)
     p_values[far] = 2.0 * scipy.special.stdtr(degrees[far], -score[far])
@@ -92,7 +92,7 @@ class Drifts:
 
     @property
     def p_values(self) -> PerGroup:
-        """Of no drift; one where there is no line."""
+        """P-value of no drift; 1 where no line is fitted."""
         score = np.abs(self.slope) / np.where(self.std_error > 0.0, self.std_error, np.inf)
         return np.where(self.degrees > 0, 2.0 * scipy.special.stdtr(np.maximum(self.degrees, 1), -score), 1.0)
 
@@ -117,16 +117,16 @@ def drifts(ordered: Ordered) -> Drifts:
     return Drifts(result, np.sqrt(variance), degrees, squares, line, leverage)
 
 
-#: Neighbours on each side whose median an estimate is held against.
+#: Neighbours on each side, with whose median an estimate is compared.
 SIDE = 3
-#: Standard deviations from which on it is far.
+#: Standard deviations from which on an estimate is an outlier.
 FAR = 2.5
 #: Variance of the median of three normal estimates over that of one; median of a chi-square with one degree.
 OF_THREE, OF_SQUARES = 0.449, 0.455
 
 
 def outlier_test(groups: Groups, sets: Groups, variances: Rows) -> Callable[[Rows], Rows]:
-    """Return what turns estimates into the variance to be added to isolated ones, zero for all others."""
+    """Return a function of estimates: the extra variance of isolated ones, zero for all others."""
     of_row = np.repeat(np.arange(groups.sizes.size), groups.sizes)
     pairs = np.flatnonzero(of_row[1:] == of_row[:-1])  # first rows of neighbours in one group
     of_group = groups.sizes - 1
@@ -134,7 +134,7 @@ def outlier_test(groups: Groups, sets: Groups, variances: Rows) -> Callable[[Row
     # medians of what errors add to squared differences, in each group and in each set
     errors = [_medians(size, variances[pairs + 1] + variances[pairs]) for size in sizes]
 
-    def added(y: Rows) -> Rows:
+    def extra_variance(y: Rows) -> Rows:
         distance = np.minimum(_distance(groups, y, -1), _distance(groups, y, 1))
         distance[np.isinf(distance)] = 0.0
         squares = (y[pairs + 1] - y[pairs]) ** 2
@@ -143,25 +143,25 @@ def outlier_test(groups: Groups, sets: Groups, variances: Rows) -> Callable[[Row
             for size, error in zip(sizes, errors, strict=True)
         )
         between = np.maximum(in_group, sets.spread(in_set))  # of its set, or its own if larger
-        item = variances + groups.spread(between)
-        usual = groups.sums(item) / groups.sizes
-        far = distance**2 > FAR**2 * (item + OF_THREE * groups.spread(usual))
+        total = variances + groups.spread(between)
+        mean = groups.sums(total) / groups.sizes
+        far = distance**2 > FAR**2 * (total + OF_THREE * groups.spread(mean))
         return np.where(far, distance**2, 0.0)
 
-    return added
+    return extra_variance
 
 
 def _distance(groups: Groups, y: Rows, direction: int) -> Rows:
     """Distance from the median of the next few rows one way; from the nearest where there are fewer."""
     row = np.arange(y.size)
     ends = groups.starts if direction < 0 else groups.starts + groups.sizes - 1
-    left = np.abs(row - np.repeat(ends, groups.sizes))
+    available = np.abs(row - np.repeat(ends, groups.sizes))
     first, second, third = (np.roll(y, -direction * (number + 1)) - y for number in range(SIDE))
     low, high = np.minimum(first, second), np.maximum(first, second)
     middle = np.abs(np.maximum(low, np.minimum(high, third)))
     nearer = np.minimum(np.abs(first), np.abs(second))
-    few = np.where(left == 1, np.abs(first), np.where(left == 2, nearer, middle))
-    return np.where(left > 0, few, np.inf)
+    distance = np.where(available == 1, np.abs(first), np.where(available == 2, nearer, middle))
+    return np.where(available > 0, distance, np.inf)
 
 
 def _medians(
@@ -196,37 +196,37 @@ def shared_slopes(
 ) -> tuple[Float[np.ndarray, "sets p"], Float[np.ndarray, "sets p p"]]:
     """Slopes of sets of groups by weighted least squares, and their covariances. Performs no checks."""
     count = covariates.shape[0]
-    taken: list[Rows] = []
+    basis: list[Rows] = []
 
-    def within(values: Rows) -> Rows:
-        left = centred(groups, weights, values)
-        for item in taken:
-            left = left - groups.spread(slope(groups, weights, item, left)) * item
-        return left
+    def residual_of(values: Rows) -> Rows:
+        rest = centred(groups, weights, values)
+        for trend in basis:
+            rest = rest - groups.spread(slope(groups, weights, trend, rest)) * trend
+        return rest
 
-    taken.extend(within(trend) for trend in trends)  # each without those before it
+    basis.extend(residual_of(trend) for trend in trends)  # each without those before it
 
-    def total(values: Rows) -> Float[np.ndarray, " sets"]:
+    def sums(values: Rows) -> Float[np.ndarray, " sets"]:
         return sets.sums(groups.sums(values))
 
-    left, x = within(y), [within(covariate) for covariate in covariates]
+    rest, x = residual_of(y), [residual_of(covariate) for covariate in covariates]
     gram = np.empty((sets.sizes.size, count, count))
-    moment, whole = np.empty((sets.sizes.size, count)), np.empty((sets.sizes.size, count))
+    moment, power = np.empty((sets.sizes.size, count)), np.empty((sets.sizes.size, count))
     for i in range(count):
-        moment[:, i] = total(weights * x[i] * left)
-        whole[:, i] = total(weights * covariates[i] ** 2)
+        moment[:, i] = sums(weights * x[i] * rest)
+        power[:, i] = sums(weights * covariates[i] ** 2)
         for j in range(count):
-            gram[:, i, j] = total(weights * x[i] * x[j])
-    degrees = sets.sums(np.maximum(groups.sizes - 1 - len(taken), 0).astype(float)) - count
+            gram[:, i, j] = sums(weights * x[i] * x[j])
+    degrees = sets.sums(np.maximum(groups.sizes - 1 - len(basis), 0).astype(float)) - count
     enough = degrees >= FEWEST_DEGREES
     prior = np.diag(uncertainty**-2.0)
     gram = np.where(enough[:, None, None], gram, 0.0) + prior
     moment = np.where(enough[:, None], moment, 0.0) + prior @ expected
-    size = np.sqrt(np.maximum(np.einsum("sii->si", gram), SMALL * whole + np.finfo(float).tiny))
+    size = np.sqrt(np.maximum(np.einsum("sii->si", gram), SMALL * power + np.finfo(float).tiny))
     inverse = np.linalg.pinv(gram / (size[:, :, None] * size[:, None, :]), rcond=SMALL, hermitian=True)
     inverse = inverse / (size[:, :, None] * size[:, None, :])
     values = np.einsum("sij,sj->si", inverse, moment)
-    squares = total(weights * left**2) + expected @ prior @ expected - np.einsum("si,si->s", values, moment)
+    squares = sums(weights * rest**2) + expected @ prior @ expected - np.einsum("si,si->s", values, moment)
     scale = np.where(enough, np.maximum(squares / np.maximum(degrees, 1.0), 1.0), 1.0)
     return values, scale[:, None, None] * inverse
 
@@ -235,13 +235,13 @@ def shared_slopes(
 FEWEST = 3
 #: P-values above this are bounds.
 NO_NEWS = 0.02
-#: -2 ln(1 - sqrt(.95)): likelihood ratio of the true place below which it is in 95 %.
+#: -2 ln(1 - sqrt(.95)): 95 % quantile of the likelihood ratio of the true position of a step.
 POSITIONS = 7.352
 
 
 @dataclass(frozen=True)
 class BestSteps:
-    """The best place of a step in each group."""
+    """The most likely step of each group."""
 
     index: Int[np.ndarray, " groups"]
     first: Int[np.ndarray, " groups"]
@@ -275,21 +275,21 @@ def steps(ordered: Ordered) -> BestSteps:
     variance = scale * inverse + ordered.correction_variance(differences, of_rows=True)
     score = np.where(possible, np.abs(size) / np.sqrt(variance), 0.0)
     largest = np.maximum.reduceat(score, groups.starts)
-    result, late = possible[best], number > groups.spread(number[best])
+    has_step, late = possible[best], number > groups.spread(number[best])
     line, leverage = _two_means(groups, w, ordered.y, ~late)
-    near = possible & (groups.spread(gain[best]) - gain <= POSITIONS * groups.spread(scale[best]))
+    in_set = possible & (groups.spread(gain[best]) - gain <= POSITIONS * groups.spread(scale[best]))
     half_width = scipy.special.stdtrit(degrees, 0.975) * np.sqrt(variance[best])
     return BestSteps(
-        np.where(result, number[best], 0).astype(int),
-        np.where(result, _smallest(groups, number, near), 0).astype(int),
-        np.where(result, -_smallest(groups, -number, near), 0).astype(int),
-        np.where(result, size[best], 0.0),
-        np.where(result, half_width, np.inf),
-        np.where(result, _tail(groups, largest, degrees, possible, before, total), 1.0),
-        np.where(result, squares[best], np.inf),
+        np.where(has_step, number[best], 0).astype(int),
+        np.where(has_step, _smallest(groups, number, in_set), 0).astype(int),
+        np.where(has_step, -_smallest(groups, -number, in_set), 0).astype(int),
+        np.where(has_step, size[best], 0.0),
+        np.where(has_step, half_width, np.inf),
+        np.where(has_step, _tail(groups, largest, degrees, possible, before, total), 1.0),
+        np.where(has_step, squares[best], np.inf),
         line,
         leverage,
-        np.repeat(result, groups.sizes) & late,
+        np.repeat(has_step, groups.sizes) & late,
     )
 
 
@@ -299,13 +299,13 @@ def _jump(groups: Groups, w: Rows, values: Rows, before: Rows, after: Rows) -> R
     return (groups.spread(groups.sums(weighted)) - upto) / after - upto / before
 
 
-def _smallest(groups: Groups, values: Rows, among: np.ndarray) -> PerGroup:
-    """Smallest value of each group among some rows; what it would be without any is of no use."""
-    return np.minimum.reduceat(np.where(among, values, values.max() + 1.0), groups.starts)
+def _smallest(groups: Groups, values: Rows, rows: np.ndarray) -> PerGroup:
+    """Smallest value of each group among some rows; undefined for a group without any."""
+    return np.minimum.reduceat(np.where(rows, values, values.max() + 1.0), groups.starts)
 
 
 def _two_means(groups: Groups, w: Rows, y: Rows, early: np.ndarray) -> tuple[Rows, Rows]:
-    """Mean of its side of the step for each row, and what the row has of it."""
+    """Mean of the side of the step of each row, and the row's leverage on it."""
     line, leverage = np.empty(y.size), np.empty(y.size)
     for side in (early, ~early):
         weights = np.where(side, w, 0.0)
@@ -324,17 +324,17 @@ def _tail(
     before: Rows,
     total: Rows,
 ) -> PerGroup:
-    """P-value of the largest |t| over all places, see this module; where that is no news, only a bound."""
+    """P-value of the largest |t| over all positions, see this module; only a bound where it is large."""
     one_sided = np.maximum(scipy.special.stdtr(degrees, -largest), 1e-300)
     bound = 2.0 * one_sided * groups.sums(possible.astype(float))
     pairs = np.append(possible[:-1] & possible[1:], False) & (groups.spread(2.0 * one_sided) < NO_NEWS)
     k = np.flatnonzero(pairs)
-    shared = before[k] * (total - before)[k + 1] / (before[k + 1] * (total - before)[k])
-    rho = np.sqrt(np.clip(shared, 0.0, 1.0))
+    ratio = before[k] * (total - before)[k + 1] / (before[k + 1] * (total - before)[k])
+    rho = np.sqrt(np.clip(ratio, 0.0, 1.0))
     tail = groups.spread(one_sided)[k]
     c = -scipy.special.ndtri(tail)
-    both = np.zeros(before.size)
+    joint = np.zeros(before.size)
     for sign in (1.0, -1.0):
         separated = scipy.special.owens_t(c, np.sqrt((1.0 - sign * rho) / (1.0 + sign * rho)))
-        both[k] += 2.0 * np.maximum(tail - 2.0 * separated, 0.0)
-    return np.clip(bound - groups.sums(both), 2.0 * one_sided, 1.0)
+        joint[k] += 2.0 * np.maximum(tail - 2.0 * separated, 0.0)
+    return np.clip(bound - groups.sums(joint), 2.0 * one_sided, 1.0)

@@ -74,7 +74,7 @@ def element_of(name: str, columns: Sequence[str]) -> tuple[str, int] | None:
 
 
 _WRONG = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, AssertionError, NameError)
-#: What decoders raise for damaged bytes.
+#: Errors that decoders raise for damaged bytes.
 DECODER_ERRORS = (*_WRONG, OSError, EOFError, RuntimeError, MemoryError, struct.error, zlib.error)
 
 
@@ -84,7 +84,7 @@ def noted(name: str, sentence: str, subject: float | str | Iterable[str]) -> lis
     return [Finding(name, sentence.format(text))] if text else []
 
 
-#: Fewest rows of a line, fewest columns that begin one together, and what "together" means [rows].
+#: Fewest rows of a line, fewest columns that begin one together, and their largest distance [rows].
 MIN_ROWS = 50
 MIN_COLUMNS = 3
 TOGETHER_ROWS = 5
@@ -99,17 +99,17 @@ def without_extrapolation(
     if len(started) < MIN_COLUMNS:
         return dict(columns)
     middle = int(np.median(list(started.values())))
-    together = [name for name, start in started.items() if abs(start - middle) <= TOGETHER_ROWS]
+    aligned = [name for name, start in started.items() if abs(start - middle) <= TOGETHER_ROWS]
     # four rotors on one commanded ramp are one line, not four
-    different = {tuple(columns[name][-2:]) for name in together}
+    different = {tuple(columns[name][-2:]) for name in aligned}
     if len(different) < MIN_COLUMNS:
         return dict(columns)
     cleaned = dict(columns)
-    for name in together:
+    for name in aligned:
         cleaned[name] = np.where(np.arange(time_s.size) > started[name], np.nan, columns[name])
-    named = ", ".join(map(repr, together))
+    names = ", ".join(map(repr, aligned))
     message = (
-        f"From {time_s[middle]:.2f} s to the end, {len(together)} columns are straight lines ({named}): made "
+        f"From {time_s[middle]:.2f} s to the end, {len(aligned)} columns are straight lines ({names}): made "
         "up by a resampling tool after the stream had stopped, and taken as missing."
     )
     findings.append(Finding("extrapolated", message))
@@ -259,10 +259,10 @@ def _velocity_doubts(channels: Mapping[str, Channel]) -> Iterator[str]:
         return
     if position is None or velocity is None or not np.array_equal(position.time_s, velocity.time_s):
         return
-    both = np.isfinite(position.values) & np.isfinite(velocity.values)
-    if both.sum() < 20:
+    valid = np.isfinite(position.values) & np.isfinite(velocity.values)
+    if valid.sum() < 20:
         return
-    z, v, t = position.values[both], velocity.values[both], position.time_s[both]
+    z, v, t = position.values[valid], velocity.values[valid], position.time_s[valid]
     slope, middle = np.diff(z) / np.diff(t), 0.5 * (v[1:] + v[:-1])
     if np.std(slope) == 0.0 or np.std(middle) == 0.0:
         return
@@ -296,14 +296,14 @@ def folder_size(folder: Path) -> int:
 
 def folder_sha256(folder: Path) -> str:
     """Return a hash of the names and of the hashes of its files, hexadecimal."""
-    whole = hashlib.sha256()
+    digest = hashlib.sha256()
     for file in folder_files(folder):
         with file.open("rb") as stream:
-            whole.update(f"{file.name}\0{hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode())
-    return whole.hexdigest()
+            digest.update(f"{file.name}\0{hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode())
+    return digest.hexdigest()
 
 
-#: What reads a part of a log, see `KeptChannels`.
+#: Reads a part of a log, see `KeptChannels`.
 Cut = Callable[[float, float, float], "KeptChannels"]
 #: What stays in memory: all channels of most logs [bytes].
 KEPT_BYTES = 48 << 20
@@ -317,28 +317,28 @@ class KeptChannels(MadeChannels):
     cut: Cut | None = None  # Reads a part of the log
     change: Callable[[Channel], Channel] = lambda channel: channel
     _makers: dict[str, Callable[[], Channel]] = field(default_factory=dict)
-    _kept: dict[str, Channel] = field(default_factory=dict)
-    _held: dict[int, int] = field(default_factory=dict)
+    _stored: dict[str, Channel] = field(default_factory=dict)
+    _array_bytes: dict[int, int] = field(default_factory=dict)
     _span_s: tuple[float, float] = (inf, -inf)
 
     def put(self, channel: Channel, make: Callable[[], Channel]) -> None:
         """Add a channel, or put it in the place of another."""
-        self._kept.pop(channel.name, None)
+        self._stored.pop(channel.name, None)
         self._makers[channel.name] = make
         if channel.time_s.size:
             first, last = self._span_s
             self._span_s = min(first, float(channel.time_s[0])), max(last, float(channel.time_s[-1]))
         # channels of one clock share its array
         arrays = {id(array): array.nbytes for array in (channel.time_s, channel.values)}
-        if sum((self._held | arrays).values()) <= self.limit:
-            self._held |= arrays
-            self._kept[channel.name] = channel
+        if sum((self._array_bytes | arrays).values()) <= self.limit:
+            self._array_bytes |= arrays
+            self._stored[channel.name] = channel
 
     def finished(self) -> Mapping[str, Channel]:
         """Return the channels: as a dictionary when all of them are kept."""
-        if len(self._kept) < len(self._makers):
+        if len(self._stored) < len(self._makers):
             return self
-        return {name: self._kept[name] for name in self._makers}
+        return {name: self._stored[name] for name in self._makers}
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -359,8 +359,8 @@ class KeptChannels(MadeChannels):
         return replace(self, change=change)
 
     def __getitem__(self, name: str) -> Channel:
-        kept = self._kept.get(name)
-        return self.change(self._makers[name]() if kept is None else kept)
+        channel = self._stored.get(name)
+        return self.change(self._makers[name]() if channel is None else channel)
 
     def __contains__(self, name: object) -> bool:
         return name in self._makers
@@ -463,25 +463,25 @@ def in_preference(
     sources: Mapping[str, tuple[Source, ...]], by_rate: Sequence[str], count: Callable[[Source], int]
 ) -> Iterator[tuple[str, Source]]:
     """Sources of channels in their order; of some channels first the one that was logged much more often."""
-    for name, known in sources.items():
-        most = max(known, key=count)
-        first = next((source for source in known if count(source)), most)
-        much_more = name in by_rate and count(most) > MUCH_MORE * count(first)
-        others = (source for source in known if source is not most)
-        yield from ((name, source) for source in ((most, *others) if much_more else known))
+    for name, candidates in sources.items():
+        busiest = max(candidates, key=count)
+        first = next((source for source in candidates if count(source)), busiest)
+        much_more = name in by_rate and count(busiest) > MUCH_MORE * count(first)
+        others = (source for source in candidates if source is not busiest)
+        yield from ((name, source) for source in ((busiest, *others) if much_more else candidates))
 
 
-def held_at(times: Series, values: np.ndarray, stamp: Float[np.ndarray, " m"], before: float) -> np.ndarray:
-    """Values that are in force at some times, set at others; `before` the first of these."""
+def held_at(times: Series, values: np.ndarray, stamp: Float[np.ndarray, " m"], initial: float) -> np.ndarray:
+    """Values in force at `stamp`, each set at one of `times`; `initial` before the first of these."""
     order = np.argsort(times, kind="stable")
-    in_force = np.concatenate([np.full(1, before, dtype=values.dtype), values[order]])
+    in_force = np.concatenate([np.full(1, initial, dtype=values.dtype), values[order]])
     return np.asarray(in_force[np.searchsorted(times[order], stamp, side="right")])
 
 
-def logged_channel(name: str, time_s: Series, values: Series, source: str, **more: Any) -> Channel:
+def logged_channel(name: str, time_s: Series, values: Series, source: str, **options: Any) -> Channel:
     """Channel with the unit of its name, held where its name is that of what is held; see `clean_channel`."""
     unit, held = unit_of(name), held_by_default(name)
-    return clean_channel(name, time_s, values, unit, source=source, held=held, **more)
+    return clean_channel(name, time_s, values, unit, source=source, held=held, **options)
 
 
 #: A column has a clock of its own where at least this share of the steps between its values skips rows. What
@@ -542,14 +542,14 @@ HORIZON_S = 1.0
 
 
 def believable(time_s: Series) -> Bool[np.ndarray, " n"]:
-    """Which stamps can be: of the span of a log, and not far ahead of both their neighbours."""
-    within = bool(np.all(np.abs(time_s[:1]) <= MAX_SPAN_S) and np.all(np.abs(time_s[-1:]) <= MAX_SPAN_S))
-    if within and np.all(time_s[1:] >= time_s[:-1]):
+    """Mask of plausible stamps: within the span of a log, and not far ahead of both neighbours."""
+    ends_fit = bool(np.all(np.abs(time_s[:1]) <= MAX_SPAN_S) and np.all(np.abs(time_s[-1:]) <= MAX_SPAN_S))
+    if ends_fit and np.all(time_s[1:] >= time_s[:-1]):
         return np.ones(time_s.size, dtype=np.bool_)
     usable = np.abs(time_s) <= MAX_SPAN_S
     usable[:-1][:1] &= time_s[:-1][:1] - time_s[1:][:1] <= HORIZON_S
-    before, here, after = time_s[:-2], time_s[1:-1], time_s[2:]
-    usable[1:-1] &= (here - np.maximum(before, after) <= HORIZON_S) | (before > after)
+    previous, current, following = time_s[:-2], time_s[1:-1], time_s[2:]
+    usable[1:-1] &= (current - np.maximum(previous, following) <= HORIZON_S) | (previous > following)
     return usable
 
 

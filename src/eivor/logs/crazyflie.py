@@ -49,7 +49,7 @@ class VariableSource:
         return tuple(maps.columns_of(self.rules))
 
 
-#: What one of a variable's unit is in SI units.
+#: Units of variables in SI units.
 _UNITS = {"": 1.0, "milli": 1e-3, "power": 1.0 / FULL_POWER} | {
     unit: common.UNITS[unit][1] for unit in ("g", "deg", "rpm")
 }
@@ -124,7 +124,7 @@ LOOKED_FOR = {
 
 
 def filter_findings(channels: Iterable[Channel]) -> list[Finding]:
-    """Say what was taken off the stamps of variables that are behind a low-pass."""
+    """Finding on the low-pass delays that were subtracted from stamps."""
     selected = []
     for cutoff in (ACCELEROMETER_HZ, GYRO_HZ):
         delay_s = common.low_pass_delay_s(cutoff)
@@ -140,13 +140,13 @@ def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.n
     bits = np.where(sound, packed, 0.0).astype(np.uint32)
     largest = bits >> 30
     parts = np.zeros((4, bits.size))
-    for item in (3, 2, 1, 0):
-        stored = largest != item
+    for part in (3, 2, 1, 0):
+        is_stored = largest != part
         size = np.sqrt(0.5) * (bits & 511) / 511.0
-        parts[item] = np.where(stored, np.where(bits & 512, -size, size), 0.0)
-        bits = np.where(stored, bits >> 10, bits)
-    rest = np.sqrt(np.maximum(1.0 - np.sum(parts**2, axis=0), 0.0))
-    parts[largest, np.arange(bits.size)] = rest
+        parts[part] = np.where(is_stored, np.where(bits & 512, -size, size), 0.0)
+        bits = np.where(is_stored, bits >> 10, bits)
+    remainder = np.sqrt(np.maximum(1.0 - np.sum(parts**2, axis=0), 0.0))
+    parts[largest, np.arange(bits.size)] = remainder
     parts[:, ~sound] = np.nan
     return dict(zip(UNPACKED, parts, strict=True))
 
@@ -200,9 +200,9 @@ def parse_header(data: bytes, name: str) -> Header:
     types = []
     for _ in range(count):
         types.append(_event_type(cursor, stamp))
-        if sum(len(item.variables) for item in types) > MAX_VARIABLES:
+        if sum(len(kind.variables) for kind in types) > MAX_VARIABLES:
             raise cursor.corrupt(f"announces more than {MAX_VARIABLES} variables")
-    numbers = [item.number for item in types]
+    numbers = [kind.number for kind in types]
     if len(set(numbers)) < len(numbers):
         raise cursor.corrupt("gives the same id to two types of events")
     return Header(tuple(types), tick_s, cursor.offset)
@@ -274,7 +274,7 @@ def _advice(channel: str) -> tuple[str, ...]:
 
 
 CHECKSUM_BYTES = 4
-#: So many records of one type in a row, and whole blocks of them are looked at.
+#: Records of one type in a row after which they are read in blocks.
 RUN = 32
 BLOCK = 4096
 #: How many records must follow each other where the walk goes on, how long after the log's start they may be
@@ -335,25 +335,25 @@ def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]
     walk = _RecordWalk(data, header, len(body) if sound else len(data))
     findings = _damage(walk, sound)
     results = {}
-    for item in header.types:
-        if positions := walk.offsets[item.number]:
-            anywhere = (len(data) - item.record.itemsize + 1,)
-            records = np.ndarray(anywhere, dtype=item.record, buffer=data, strides=(1,))
-            results[item.number] = records[np.asarray(positions, dtype=np.int64)]
+    for kind in header.types:
+        if positions := walk.offsets[kind.number]:
+            anywhere = (len(data) - kind.record.itemsize + 1,)
+            records = np.ndarray(anywhere, dtype=kind.record, buffer=data, strides=(1,))
+            results[kind.number] = records[np.asarray(positions, dtype=np.int64)]
     if not results:
         return [], findings
     # the median of the stamps, which one that is damaged does not move far
     stamps = (records["stamp"] for records in results.values())
-    start = min(int(np.partition(item, item.size // 2)[item.size // 2]) for item in stamps)
+    start = min(int(np.partition(kind, kind.size // 2)[kind.size // 2]) for kind in stamps)
     times = {key: _seconds(records["stamp"], start, header.tick_s) for key, records in results.items()}
     usable = {key: common.believable(time_s) for key, time_s in times.items()}
     begins = min(float(times[key][which][0]) for key, which in usable.items() if which.any())
-    lost = sum(int((~which).sum()) for which in usable.values())
-    findings += common.noted("time_stamps", "Records left out, because their stamp cannot be: {}.", lost)
+    dropped = sum(int((~which).sum()) for which in usable.values())
+    findings += common.noted("time_stamps", "Records left out, because their stamp cannot be: {}.", dropped)
     events = [
-        Event(item.name, item.variables, results[key][usable[key]], times[key][usable[key]] - begins)
-        for item in header.types
-        if (key := item.number) in results and usable[key].any()
+        Event(kind.name, kind.variables, results[key][usable[key]], times[key][usable[key]] - begins)
+        for kind in header.types
+        if (key := kind.number) in results and usable[key].any()
     ]
     return events, findings
 
@@ -366,7 +366,7 @@ class _RecordWalk:
 
     def __init__(self, data: bytes, header: Header, end: int) -> None:
         self.data, self.header, self.end = data, header, end
-        self.sizes = sizes = {item.number: item.record.itemsize for item in header.types}
+        self.sizes = sizes = {kind.number: kind.record.itemsize for kind in header.types}
         self.offsets = offsets = {number: array("q") for number in sizes}
         self.skipped = self.searched = 0
         position, run, last = header.length, 0, -1
@@ -374,7 +374,7 @@ class _RecordWalk:
             number = _id_at(data, position)[0]
             size = sizes.get(number)
             if size is None:
-                resumed = self._resumed(position + 1)
+                resumed = self._next_chain(position + 1)
                 if resumed is None:
                     break
                 self.skipped += resumed - position
@@ -388,40 +388,40 @@ class _RecordWalk:
             last = number
             if run >= RUN:  # whole records of this type, many at a time
                 count = min((end - position) // size, BLOCK)
-                others = np.flatnonzero(self._anywhere("<u2", position, count, size) != number)
-                after = position + (int(others[0]) if others.size else count) * size
-                offsets[number].extend(range(position, after, size))
-                position, run = after, 0
-        self.left = max(end - position, 0)
+                others = np.flatnonzero(self._view("<u2", position, count, size) != number)
+                stop = position + (int(others[0]) if others.size else count) * size
+                offsets[number].extend(range(position, stop, size))
+                position, run = stop, 0
+        self.remaining = max(end - position, 0)
 
-    def _anywhere(self, kind: str | np.dtype[Any], position: int, count: int, step: int) -> np.ndarray:
+    def _view(self, kind: str | np.dtype[Any], position: int, count: int, step: int) -> np.ndarray:
         return np.ndarray((count,), kind, self.data, position, (step,))
 
-    def _resumed(self, position: int) -> int | None:
-        """Where the next records begin that follow each other; None when they are not found."""
+    def _next_chain(self, position: int) -> int | None:
+        """Position of the next chain of records; None when none is found."""
         while self.sizes and self.searched < MAX_SEARCH_BYTES and position < self.end:
             self.searched += SEARCH_BLOCK
             for candidate in self._candidates(position):
-                if self._chained(candidate):
+                if self._is_chain(candidate):
                     return candidate
             position += SEARCH_BLOCK
         return None
 
     def _candidates(self, position: int) -> list[int]:
-        """Places in a block at which an id stands that is known, before a stamp that can be of this log."""
+        """Positions in a block of a known id before a plausible stamp."""
         stamp = self.header.types[0].record["stamp"]
         count = min(SEARCH_BLOCK, self.end - position - 1 - stamp.itemsize)
         if count <= 0:
             return []
-        plausible = np.isin(self._anywhere("<u2", position, count, 1), list(self.sizes))
+        plausible = np.isin(self._view("<u2", position, count, 1), list(self.sizes))
         started = [item[0] for item in self.offsets.values() if item]
         if started:
-            first = int(self._anywhere(stamp, min(started) + 2, 1, 1)[0])
-            time_s = _seconds(self._anywhere(stamp, position + 2, count, 1), first, self.header.tick_s)
+            first = int(self._view(stamp, min(started) + 2, 1, 1)[0])
+            time_s = _seconds(self._view(stamp, position + 2, count, 1), first, self.header.tick_s)
             plausible &= (time_s >= 0.0) & (time_s <= LONGEST_LOG_S)
         return (position + np.flatnonzero(plausible)).tolist()
 
-    def _chained(self, position: int) -> bool:
+    def _is_chain(self, position: int) -> bool:
         """Say whether several records follow each other from a place on, or up to the end."""
         for _ in range(CHAIN):
             if position + 2 > self.end:
@@ -435,20 +435,20 @@ class _RecordWalk:
 
 def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
     findings: list[Finding] = []
-    is_another = not sound and walk.left == CHECKSUM_BYTES
-    left = 0 if is_another else walk.left
+    is_another = not sound and walk.remaining == CHECKSUM_BYTES
+    tail = 0 if is_another else walk.remaining
     if not sound and not is_another:
-        rest = (
-            f"{left} bytes at its end, of no whole record, were left out" if left else "no record is broken"
+        remark = (
+            f"{tail} bytes at its end, of no whole record, were left out" if tail else "no record is broken"
         )
         sentence = (
             "The log has no checksum at its end: it was cut ({}). End the logging before the power goes "
             "(usd.logging = 0)."
         )
-        findings += common.noted("truncated", sentence, rest)
+        findings += common.noted("truncated", sentence, remark)
     sentence = "The checksum does not fit: bytes of the log were changed or lost, and values may be wrong."
     findings += common.noted("checksum", sentence, is_another)
-    skipped = walk.skipped + (left if sound else 0)
+    skipped = walk.skipped + (tail if sound else 0)
     damaged = "Damaged parts were left out: {} bytes that belong to no record."
     return findings + common.noted("corrupt_parts", damaged, skipped)
 
@@ -497,11 +497,11 @@ def read_crazyflie(file: Path, options: common.ReadOptions) -> Recording:
     findings += common.noted("dropouts", "Records are missing in {}.", "; ".join(texts))
     events.sort(key=lambda event: -event.time_s.size)
     if options.channel_map is None:
-        chosen, looked = _BUILT_IN, LOOKED_FOR
+        chosen, columns_of = _BUILT_IN, LOOKED_FOR
         channels = _known_channels(file.name, events, findings)
     else:
         chosen = maps.load_channel_map(options.channel_map)
-        looked = looked_for(chosen)
+        columns_of = looked_for(chosen)
         channels = _map_channels(chosen, file.name, events, findings)
     return Recording(
         name=file.name,
@@ -509,14 +509,14 @@ def read_crazyflie(file: Path, options: common.ReadOptions) -> Recording:
         channels=channels,
         frame=chosen.frame,
         input_map=chosen.input_map,
-        looked_for=looked,
+        looked_for=columns_of,
         findings=(*findings, *common.channel_findings(channels)),
         origin=LogOrigin(airframe="Crazyflie"),
     )
 
 
 def _known_channels(name: str, events: Sequence[Event], findings: list[Finding]) -> dict[str, Channel]:
-    chosen = _chosen(events, findings)
+    chosen = _choose_sources(events, findings)
     of_events = (
         (event, [rule for source, item in chosen if item is event for rule in source.rules])
         for event in events
@@ -539,7 +539,7 @@ def _known_channels(name: str, events: Sequence[Event], findings: list[Finding])
     return channels
 
 
-def _chosen(events: Sequence[Event], findings: list[Finding]) -> list[tuple[VariableSource, Event]]:
+def _choose_sources(events: Sequence[Event], findings: list[Finding]) -> list[tuple[VariableSource, Event]]:
     """Sources that are used, each with the event that has the most records of it."""
     chosen: dict[str, tuple[VariableSource, Event]] = {}
     zeros: list[str] = []
@@ -551,7 +551,7 @@ def _chosen(events: Sequence[Event], findings: list[Finding]) -> list[tuple[Vari
         if source.zero_is_absent and not any(np.any(np.nan_to_num(item)) for item in values):
             zeros += source.columns
             continue
-        used, feedback = source, _feedback(source, event)
+        used, feedback = source, _feedback_findings(source, event)
         findings += feedback
         if feedback:
             name = "feedback_reference_velocity_z"
@@ -562,18 +562,18 @@ def _chosen(events: Sequence[Event], findings: list[Finding]) -> list[tuple[Vari
     return list(chosen.values())
 
 
-def _feedback(source: VariableSource, event: Event) -> list[Finding]:
+def _feedback_findings(source: VariableSource, event: Event) -> list[Finding]:
     """Doubt a velocity setpoint that is not planned: it changes while the height setpoint stands still."""
     column = source.columns[0]
-    against = VELOCITY_SETPOINTS.get(column)
-    if against is None or not event.has((against,)):
+    planned = VELOCITY_SETPOINTS.get(column)
+    if planned is None or not event.has((planned,)):
         return []
-    velocity, height = event.values(column), event.values(against)
+    velocity, height = event.values(column), event.values(planned)
     changing = np.diff(velocity) != 0.0
     standing = (np.diff(height) == 0.0) & (height[1:] != 0.0)
     answers = bool(np.any(changing)) and np.mean(standing[changing]) >= 0.5
     sentence = "{} stands still, so the position loop wrote it: it answers the vehicle, and is no reference."
-    return common.noted("feedback_setpoint", sentence, f"{column} changes while {against}" if answers else "")
+    return common.noted("feedback_setpoint", sentence, f"{column} changes while {planned}" if answers else "")
 
 
 def _map_channels(

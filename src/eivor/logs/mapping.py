@@ -46,7 +46,7 @@ def known_unit(text: str) -> str | None:
     return unit if unit in common.UNITS or unit in common.TIME_UNITS else None
 
 
-def _named(column: str, units: Mapping[str, str]) -> tuple[str, str | None]:
+def _split_unit(column: str, units: Mapping[str, str]) -> tuple[str, str | None]:
     """Name and unit of a column that has one below it or in brackets; None for none."""
     match = _WITH_UNIT.fullmatch(column)
     if match is None or column in units:
@@ -61,12 +61,12 @@ def canonical_map(
     """Map of a table with canonical column names, units in brackets; None without `time` or a channel."""
     rules, times = [], []
     for column in names:
-        name, unit = _named(column, units)
-        known = canonical_channel(name)
+        name, unit = _split_unit(column, units)
+        channel = canonical_channel(name)
         si_unit, factor = common.UNITS.get(unit or "", (unit or "", 1.0))
         if name == "time" and (unit or "s") in common.TIME_UNITS:
             times.append((column, unit or "s"))
-        elif known is not None and (unit is None or common.unit_fits(known, si_unit)):
+        elif channel is not None and (unit is None or common.unit_fits(channel, si_unit)):
             expression = maps.Expression.of_column(column)
             rules.append(maps.ChannelRule(name, expression, factor, held=held_by_default(name)))
     if len(times) != 1 or not rules:
@@ -78,7 +78,7 @@ def suggested_map(names: Sequence[str], units: Mapping[str, str] = NO_UNITS) -> 
     """Lines of a channel map for columns that are called as people call them; none for too few."""
     columns_by_channel: dict[str, tuple[str, str | None]] = {}
     for column in names:
-        name, unit = _named(column, units)
+        name, unit = _split_unit(column, units)
         word, _, suffix = name.rpartition("_")
         if unit is None and suffix in common.TIME_UNITS and _CALLED.get(word.lower()) == "time":
             name, unit = word, suffix
@@ -143,23 +143,23 @@ def fitting_map(
 
 def fitted_rules(chosen: maps.ChannelMap, names: Sequence[str], table: str) -> tuple[maps.ChannelRule, ...]:
     """Rules of a map that the table can serve, after all its columns have been found."""
-    known = set(names)
+    available = set(names)
     rules = []
     for rule in chosen.rules:
-        missing = [column for column in rule.expression.columns if column not in known]
+        missing = [column for column in rule.expression.columns if column not in available]
         if not missing:
             rules.append(rule)
         elif not rule.optional:
             raise _no_column(missing[0], f"channels.{rule.name}", chosen, names, table)
     used = maps.columns_of(chosen.rules).keys()
-    if chosen.time_column not in known:
+    if chosen.time_column not in available:
         raise _no_column(chosen.time_column, "time.column", chosen, names, table)
     if chosen.time_column in used:
         expected = f"a time column that no channel is made of ({chosen.origin})"
         received = f"'{chosen.time_column}' as both"
         raise ChannelMapError(expected, received, "Correct the column of the time, or that of the channel.")
     for column in chosen.ranges:
-        if column not in known and column not in used:
+        if column not in available and column not in used:
             raise _no_column(column, f"columns.{column}", chosen, names, table)
     doubled = {name for name in names if names.count(name) > 1} & (used | {chosen.time_column})
     if doubled:
@@ -227,8 +227,8 @@ def mapped_recording(
 
 def looked_for(chosen: maps.ChannelMap) -> dict[str, tuple[str, ...]]:
     """Which column each channel was looked for in, by a map: one of its own name where it has no rule."""
-    looked: dict[str, tuple[str, ...]] = {key: (f"column {key}",) for key in canonical_channels()}
-    return looked | {rule.name: (rule.expression.text,) for rule in chosen.rules}
+    columns: dict[str, tuple[str, ...]] = {key: (f"column {key}",) for key in canonical_channels()}
+    return columns | {rule.name: (rule.expression.text,) for rule in chosen.rules}
 
 
 def mapped_channels(
@@ -248,9 +248,9 @@ def mapped_channels(
         for key, raw in columns.values.items()
         if key != chosen.time_column
     }
-    kept = common.without_extrapolation(time_s, measured, findings)
+    clean = common.without_extrapolation(time_s, measured, findings)
     ranged = {
-        key: _within(values, np.isnan(kept[key]), chosen.ranges.get(key)) for key, values in measured.items()
+        key: _ranged(values, np.isnan(clean[key]), chosen.ranges.get(key)) for key, values in measured.items()
     }
     findings += _angle_findings(rules, ranged)
     channels: dict[str, Channel] = {}
@@ -262,11 +262,9 @@ def mapped_channels(
             text = f"{rule.name} ({rule.expression.text})"
             findings += common.noted("never_valid", "Without one valid value: {}.", text)
     selected = {name: common.on_channel_clock(channel) for name, channel in channels.items()}
-    several = [
-        f"{name} {item.rate_hz:.3g} Hz" for name, item in selected.items() if item is not channels[name]
-    ]
+    rates = [f"{name} {item.rate_hz:.3g} Hz" for name, item in selected.items() if item is not channels[name]]
     sentence = "Without a value of their own in some rows, and read at rates of their own: {}."
-    findings += common.noted("own_clock", sentence, several)
+    findings += common.noted("own_clock", sentence, rates)
     return selected
 
 
@@ -309,14 +307,14 @@ def _clock(
         remedy = "Check the time column, or name another one in a channel map."
         raise EmptyLogError(expected, f"'{name}', in which it holds no number", remedy)
     unit = _unit(chosen, columns)
-    lost = int((~stamped).sum())
-    findings += common.noted("time_stamps", "Rows dropped, because they have no time stamp: {}.", lost)
-    kept = raw[stamped]
-    if abs(kept[0]) * unit > EPOCH_S:
-        sentence = f"The clock starts at {kept[0] * unit:.3f} s; it was set to 0."
+    dropped = int((~stamped).sum())
+    findings += common.noted("time_stamps", "Rows dropped, because they have no time stamp: {}.", dropped)
+    stamps = raw[stamped]
+    if abs(stamps[0]) * unit > EPOCH_S:
+        sentence = f"The clock starts at {stamps[0] * unit:.3f} s; it was set to 0."
         findings.append(Finding("epoch_time", sentence))
-        kept = kept - kept[0]
-    return kept * unit, stamped
+        stamps = stamps - stamps[0]
+    return stamps * unit, stamped
 
 
 def _unit(chosen: maps.ChannelMap, columns: common.Columns) -> float:
@@ -330,25 +328,25 @@ def _angle_findings(rules: Sequence[maps.ChannelRule], ranged: Mapping[str, _Ran
         largest = [float(np.nanmax(np.abs(ranged[c][0]), initial=0.0)) for c in rule.angles]
         if not largest:
             continue
-        columns, most = " and ".join(map(repr, rule.angles)), max(largest)
-        if rule.angle_unit == "rad" and most > 2.0 * np.pi:
-            doubt = f"{columns} reach {most:.3g} rad; are they in degrees?"
-        elif rule.angle_unit == "deg" and 0.0 < most < 1.0:
-            doubt = f"{columns} never exceed {most:.3g} deg; are they in radians?"
+        columns, peak = " and ".join(map(repr, rule.angles)), max(largest)
+        if rule.angle_unit == "rad" and peak > 2.0 * np.pi:
+            doubt = f"{columns} reach {peak:.3g} rad; are they in degrees?"
+        elif rule.angle_unit == "deg" and 0.0 < peak < 1.0:
+            doubt = f"{columns} never exceed {peak:.3g} deg; are they in radians?"
         else:
             continue
         findings.append(Finding("mixed_units", doubt))
     return findings
 
 
-def _within(values: Series, missing: Bool[np.ndarray, " n"], bounds: maps.ValidRange | None) -> _Ranged:
+def _ranged(values: Series, missing: Bool[np.ndarray, " n"], bounds: maps.ValidRange | None) -> _Ranged:
     if bounds is None:
         return np.where(missing, np.nan, values) if missing.any() else values, 0, 0
     low, high, saturates = bounds
-    outside = (values < low) | (values > high)
+    is_outside = (values < low) | (values > high)
     is_low = (values == low) & (saturates in ("lower", "both"))
     saturated = is_low | ((values == high) & (saturates in ("upper", "both")))
-    return np.where(outside | missing, np.nan, values), int(outside.sum()), int(saturated.sum())
+    return np.where(is_outside | missing, np.nan, values), int(is_outside.sum()), int(saturated.sum())
 
 
 def _channel(rule: maps.ChannelRule, time_s: Series, ranged: Mapping[str, _Ranged]) -> Channel:

@@ -184,7 +184,7 @@ def _missing_lines(entries: Iterable[CardEntry]) -> Iterator[CardLine]:
     for index, (remedy, cause) in enumerate(ordered):
         words = ", ".join(_names(names[remedy, cause]))
         repeated = index + 1 < len(ordered) and ordered[index + 1][0] == remedy
-        yield CardLine(capitalised(words), f"{kind}.", remark="" if repeated else remedy)
+        yield CardLine(capitalised(words), f"{cause}.", remark="" if repeated else remedy)
 
 
 def _names(entries: Sequence[CardEntry]) -> Iterator[str]:

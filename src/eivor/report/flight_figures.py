@@ -46,11 +46,11 @@ def flight_runs(result: FlightEstimate) -> list[FlightRun]:
     results: list[FlightRun] = []
     first = 0
     flying = [(index, flight) for index, flight in enumerate(result.prepared) if flight.runs]
-    for number, (item, flight) in enumerate(flying):
+    for number, (flight_index, flight) in enumerate(flying):
         seconds, name = flight.grid.time_s, printable(flight.recording.name)
         for samples, spectral in zip(flight.samples_of_runs, flight.spectral_runs(number), strict=True):
             rows = slice(first, first + samples.size)
-            results.append(FlightRun(item, name, seconds[samples], rows, spectral))
+            results.append(FlightRun(flight_index, name, seconds[samples], rows, spectral))
             first = rows.stop
     return results
 
@@ -87,12 +87,12 @@ def spectrum(
     return frequency[1:], np.sqrt(np.maximum(density[1:], 1e-20))
 
 
-def _draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun], *, left: bool) -> None:
-    """Draw what was measured along one axis and what the model says within the band, or what is left."""
+def _draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun], *, residual: bool) -> None:
+    """Draw measured and predicted signals of one axis within the band, or the residual."""
     run = max(runs, key=lambda candidate: candidate.time_s.size)
-    inside = plots.liveliest(trace.measured[run.rows], int(plots.FIT_SHOWN_S / run.spectral.step_s))
-    time, (measured, predicted) = run.time_s[inside], within_band(trace, run)[inside].T
-    if left:
+    window = plots.liveliest(trace.measured[run.rows], int(plots.FIT_SHOWN_S / run.spectral.step_s))
+    time, (measured, predicted) = run.time_s[window], within_band(trace, run)[window].T
+    if residual:
         axes.plot(time, measured - predicted, color=plots.GREY, lw=0.9)
         axes.axhline(0.0, color="black", lw=0.5)
         axes.set_ylabel(f"residual\n[{trace.unit}]", parse_math=False)
@@ -100,12 +100,12 @@ def _draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun], *, left: bool) ->
         axes.plot(time, measured, color=plots.DARK, lw=0.9, label="measured")
         axes.plot(time, predicted, color=plots.RED, lw=1.1, label=f"predicted: {trace.model}")
         axes.set_ylabel(f"{trace.axis}\n[{trace.unit}]", parse_math=False)
-        what = "the whole run" if len(runs) == 1 else f"the longest of {len(runs)} runs"
+        part = "the whole run" if len(runs) == 1 else f"the longest of {len(runs)} runs"
         if time.size < run.time_s.size:
-            what = f"the liveliest {time[-1] - time[0]:.0f} s of {what.replace('the whole', 'the')}"
+            part = f"the liveliest {time[-1] - time[0]:.0f} s of {part.replace('the whole', 'the')}"
         low, high = band_of(trace, run)
-        passed = f"both band-passed {low:.2f} to {high:.0f} Hz"
-        plots.headed(axes, f"Measured and predicted, {passed}: {what}, {shortened(run.name)}")
+        band = f"both band-passed {low:.2f} to {high:.0f} Hz"
+        plots.headed(axes, f"Measured and predicted, {band}: {part}, {shortened(run.name)}")
         plots.legend(axes)
     plots.labelled(axes, x="time from the log's start [s]")
     axes.margins(x=0.005)
@@ -129,8 +129,8 @@ def fit_pictures(result: FlightEstimate, fit: Fit) -> Iterator[plots.Picture]:
     for trace in fit.traces(result.motion):
         if trace.driven.any():
             yield _excitation_picture((trace,), runs, f"What excites the {trace.axis}", BANDS_PER_DECADE)
-    yield from _sets(result, fit)
-    yield from _ellipse(result, fit.estimate)
+    yield from _set_pictures(result, fit)
+    yield from _ellipse_pictures(result, fit.estimate)
 
 
 def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> plots.Picture:
@@ -138,9 +138,9 @@ def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> plots
     layout, residuals = estimate.rows.layout, estimate.residuals
     if isinstance(layout, BinRows):
         blocks = [block[:, 0] for block in layout.complex_blocks(residuals[:, None])]
-        spectral, what = list(layout.runs), "whitened residual"
+        spectral, kind = list(layout.runs), "whitened residual"
     else:
-        spectral, what = [run.spectral for run in runs], "residual, band-passed"
+        spectral, kind = [run.spectral for run in runs], "residual, band-passed"
         blocks = [
             run.spectral.spectrum(run.spectral.spread(residuals[run.rows][:, None]))[:, 0]
             for run in runs
@@ -164,7 +164,7 @@ def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> plots
         plots.legend(axes, location="upper right")
 
     return plots.Picture(
-        f"Autocorrelation of the {what}",
+        f"Autocorrelation of the {kind}",
         "Of a residual that holds nothing more, one stem in twenty leaves the band.",
         draw,
         number_table(("shift [s]", "correlation"), zip(shift.tolist(), correlation.tolist(), strict=True)),
@@ -173,22 +173,22 @@ def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> plots
 
 def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) -> plots.Picture:
     """The objective against one nuisance, at the best of the others, as chi-square."""
-    profile, least = estimate.profiles[number], estimate.solution.objective
+    profile, minimum = estimate.profiles[number], estimate.solution.objective
     row = _row_of(result, profile.nuisance.name)
     wording, scale, quantile = row.wording, row.wording.scale, chi_square_quantile(0.95)
     # J of a method with instruments; for a direct one the logarithm's slope at its minimum
     height = estimate.criterion if estimate.rank else estimate.rows.response.size
     # the minimum lies between points of the grid: without it a sharp valley has no bottom
     points = np.append(profile.grid, estimate.nuisances[profile.nuisance.name])
-    above = (height / least if least > 0.0 and height > 0.0 else 1.0) * (
-        np.append(profile.objective, least) - least
+    above = (height / minimum if minimum > 0.0 and height > 0.0 else 1.0) * (
+        np.append(profile.objective, minimum) - minimum
     )
     order = np.argsort(points)
     values, excess = scale * points[order], above[order]
 
     def draw(axes: Axes) -> None:
         axes.plot(values, excess, "-o", ms=2, lw=1.1, label="objective")
-        _abscissa(axes, profile.grid * scale)
+        _set_abscissa(axes, profile.grid * scale)
         first, last = axes.get_xlim()  # an interval may have no end, and a logarithm has no zero
         low, high = (float(np.clip(end, first, last)) for end in row.interval)
         axes.axvspan(low, high, color=plots.BLUE, alpha=0.18, lw=0, label="95 % interval")
@@ -210,7 +210,7 @@ def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) ->
     )
 
 
-def _abscissa(axes: Axes, grid: Float[np.ndarray, " values"]) -> None:
+def _set_abscissa(axes: Axes, grid: Float[np.ndarray, " values"]) -> None:
     """Range of the grid: logarithmic, with round numbers, where it spans a decade."""
     from matplotlib.ticker import LogLocator
 
@@ -229,7 +229,7 @@ def _abscissa(axes: Axes, grid: Float[np.ndarray, " values"]) -> None:
 def _excitation_picture(
     traces: tuple[Trace, ...], runs: list[FlightRun], title: str, per_decade: int | None = None
 ) -> plots.Picture:
-    """Amplitude of what the input does to each axis, and of what is left, of bins or bands."""
+    """Amplitude spectra of the input's effect on each axis and of the residual, by bins or bands."""
     traces = tuple(trace for trace in traces if trace.unit == traces[0].unit and trace.driven.any())
     lines = []
     for trace, style in zip(traces, cycle(("-", "--", ":")), strict=False):
@@ -256,9 +256,9 @@ def _excitation_picture(
 
     frequency = lines[0][3]
     steps = int(ROWS_PER_DECADE * np.log10(frequency[-1] / frequency[0])) + 2
-    kept = np.searchsorted(frequency, np.geomspace(frequency[0], frequency[-1], steps))
-    kept = np.unique(kept.clip(max=frequency.size - 1))
-    columns = (frequency[kept].tolist(), *(line[4][kept].tolist() for line in lines))
+    rows = np.searchsorted(frequency, np.geomspace(frequency[0], frequency[-1], steps))
+    rows = np.unique(rows.clip(max=frequency.size - 1))
+    columns = (frequency[rows].tolist(), *(line[4][rows].tolist() for line in lines))
     titles = ("frequency [Hz]", *(line[0] for line in lines))
     return plots.Picture(
         title,
@@ -272,15 +272,15 @@ def _excitation_picture(
 EMPTY = "empty: the instruments contradict each other at every value"
 
 
-def _sets(result: FlightEstimate, fit: Fit) -> Iterator[plots.Picture]:
+def _set_pictures(result: FlightEstimate, fit: Fit) -> Iterator[plots.Picture]:
     for name, sets in fit.sets.items():
         row = _row_of(result, name)
         wording = row.wording
         rows = [quantity_interval("reported", row)]
         labels = "estimate plus and minus", "profile", "Anderson–Rubin"
         symbol = f"{wording.symbol} [{wording.shown_unit}]"
-        for label, item in zip(labels, (sets.wald, sets.profile, sets.anderson_rubin), strict=True):
-            pieces = tuple((low * wording.scale, high * wording.scale) for low, high in item.intervals)
+        for label, values in zip(labels, (sets.wald, sets.profile, sets.anderson_rubin), strict=True):
+            pieces = tuple((low * wording.scale, high * wording.scale) for low, high in values.intervals)
             texts = " or ".join(_piece(*piece, row.value) for piece in pieces) or EMPTY
             rows.append(plots.PlottedInterval(label, np.nan, pieces, texts))
         yield plots.forest_picture(
@@ -289,7 +289,7 @@ def _sets(result: FlightEstimate, fit: Fit) -> Iterator[plots.Picture]:
             rows,
             "Nearly one where instruments are strong. Where they are weak, a profile set that is wider by "
             "their strength counts; of a pool, the wider of the last two.",
-            number_table(("set", symbol), [(item.label, item.numbers) for item in rows]),
+            number_table(("set", symbol), [(values.label, values.numbers) for values in rows]),
         )
 
 
@@ -300,10 +300,10 @@ def _row_of(result: FlightEstimate, name: str) -> QuantityRow:
 def quantity_interval(label: str, row: QuantityRow) -> plots.PlottedInterval:
     """A quantity as a row of a forest."""
     low, high = row.interval
-    known = math.isfinite(row.value) and not (math.isnan(low) or math.isnan(high))
+    is_known = math.isfinite(row.value) and not (math.isnan(low) or math.isnan(high))
     texts = " ".join(dict.fromkeys(row.texts))
     return plots.PlottedInterval(
-        label, row.value, ((low, high),) if known else (), texts, row.quantity.verdict
+        label, row.value, ((low, high),) if is_known else (), texts, row.quantity.verdict
     )
 
 
@@ -315,21 +315,21 @@ def _piece(low: float, high: float, value: float) -> str:
     return text
 
 
-def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[plots.Picture]:
+def _ellipse_pictures(result: FlightEstimate, estimate: Estimate) -> Iterator[plots.Picture]:
     """The two parameters whose errors correlate most, together."""
     covariance, names = estimate.covariance, list(estimate.names)
     spread = np.sqrt(np.diag(covariance))
-    known = [
+    identified = [
         name
         for name in result.motion.quantities
         if name in names and np.isfinite(spread[names.index(name)]) and spread[names.index(name)] > 0.0
     ]
 
     def correlation(pair: tuple[str, str]) -> float:
-        item, other = (names.index(name) for name in pair)
-        return abs(float(covariance[item, other])) / float(spread[item] * spread[other])
+        i, j = (names.index(name) for name in pair)
+        return abs(float(covariance[i, j])) / float(spread[i] * spread[j])
 
-    pair = max(combinations(known, 2), key=correlation, default=None)
+    pair = max(combinations(identified, 2), key=correlation, default=None)
     if pair is None:
         return
     try:
@@ -407,8 +407,8 @@ def _fit_panels(result: FlightEstimate, fit: Fit) -> plots.Panels:
     panels: plots.Panels = {}
     for trace in traces:
         of_axis = f" of {trace.axis}" if len(traces) > 1 else ""
-        panels[f"fit{of_axis}"] = partial(_draw_fit, trace=trace, runs=runs, left=False)
-        panels[f"residual{of_axis}"] = partial(_draw_fit, trace=trace, runs=runs, left=True)
+        panels[f"fit{of_axis}"] = partial(_draw_fit, trace=trace, runs=runs, residual=False)
+        panels[f"residual{of_axis}"] = partial(_draw_fit, trace=trace, runs=runs, residual=True)
     panels["autocorrelation"] = _autocorrelation_picture(estimate, runs).on
     profiles = estimate.profiles
     for number, profile in enumerate(profiles):
@@ -422,8 +422,8 @@ def _fit_panels(result: FlightEstimate, fit: Fit) -> plots.Panels:
 
 def _draw_no_profile(axes: Axes, result: FlightEstimate) -> None:
     axes.set_title("How well each lag fits", fontsize=9)
-    given = None if result.fit is None else result.fit.lag_prior
-    why = result.motion.words.no_lag if given is None else f"The lag was given:\n{given.given}."
+    prior = None if result.fit is None else result.fit.lag_prior
+    why = result.motion.words.no_lag if prior is None else f"The lag was given:\n{prior.given}."
     axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes)
     axes.set_axis_off()
 
@@ -470,8 +470,8 @@ def _flight_panels(result: FlightEstimate) -> plots.Panels:
     }
     by_label["input"] = PlotData(f"mean of\n{prepared.input.name}", prepared.logged_input)
     where, active = result.motion.words.where, prepared.active
-    known = f"shaded where {where}" if active.mask.any() else f"never {where}"
-    title = f"{printable(prepared.recording.name)}: {known}, by {active.rule}"
+    shading = f"shaded where {where}" if active.mask.any() else f"never {where}"
+    title = f"{printable(prepared.recording.name)}: {shading}, by {active.rule}"
     panels: plots.Panels = {
         name: partial(_draw_series, plot_data=item, result=result, title="" if number else title)
         for number, (name, item) in enumerate(by_label.items())

@@ -282,7 +282,7 @@ def flight_page(result: FlightEstimate | LogEstimate) -> str:
     charts = [drawn for drawn in pictures if isinstance(drawn, Chart)]
     figures = Figures(sum(len(chart.lines) for chart in charts))
     motions = [
-        _motion(item, document, figures, pictures, alone=len(results) == 1)
+        _motion(item, document, figures, pictures, is_only=len(results) == 1)
         for item, document, pictures in zip(results, documents[-len(results) :], over_time, strict=True)
     ]
     provenance, options = _provenance(fit_document(first))

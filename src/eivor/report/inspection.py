@@ -71,7 +71,7 @@ class Inspection:
         return None if self.result is None else self.result.prepared[0]
 
     def active(self, flight: PreparedFlight) -> tuple[str, Stretches]:
-        """What reported that the vehicle moved as the motion says, and when."""
+        """Rule by which the vehicle was in motion, and the stretches in which it was."""
         return self.whole or (flight.active.rule, report.spans_of(flight.active.mask, flight.grid.time_s))
 
     @property
@@ -116,16 +116,16 @@ def _part_to_try(active: Stretches) -> tuple[float, float] | None:
     """The middle of the longest stretch in the air; None where so little was flown that all can be tried."""
     if sum(end - start for start, end in active) <= TRIED_WHOLE_S:
         return None
-    start, end = max(active, key=lambda item: item[1] - item[0])
+    start, end = max(active, key=lambda stretch: stretch[1] - stretch[0])
     middle, half = 0.5 * (start + end), 0.5 * min(TRIED_S, end - start)
     return middle - half, middle + half
 
 
 def _summary(channel: Channel) -> ChannelSummary:
-    known, ends = np.isfinite(channel.values), (NAN, NAN)
-    if known.any():
-        low = np.min(channel.values, where=known, initial=np.inf)
-        ends = float(low), float(np.max(channel.values, where=known, initial=-np.inf))
+    finite, ends = np.isfinite(channel.values), (NAN, NAN)
+    if finite.any():
+        low = np.min(channel.values, where=finite, initial=np.inf)
+        ends = float(low), float(np.max(channel.values, where=finite, initial=-np.inf))
     # a held channel may rest: silence is no gap in it
     gaps = () if channel.held and channel.rate_hz < 1.0 else tuple(channel.gaps())
     return ChannelSummary(channel, *ends, gaps)
@@ -183,7 +183,7 @@ LISTED = 6
 
 
 def inspection_document(result: Inspection) -> doc.Document:
-    """What a log holds and would say, with the flight card, if there is one."""
+    """Document of a log: channels, findings and verdict, with the flight card if there is one."""
     card = () if result.result is None else report.card_section(report.flight_steps(result.result))
     return _document(result, (*_sections(result), *card))
 
@@ -196,7 +196,7 @@ def _document(inspected: Inspection, sections: tuple[doc.Section, ...]) -> doc.D
 
 
 def calibration_document(result: Inspection) -> doc.Document:
-    """What kinematics says of the sensors of a log."""
+    """Document of the calibration of a log's sensors by kinematics."""
     sentence = "Sensors cannot be compared: attitude and body rates, at 20 Hz or more, are not logged."
     heads = ("by kinematics alone", doc.TableColumn("value", right=True), "95 % interval", "unit")
     rows = [(row.what, *_numbers(row), row.unit) for row in result.compatibility]
@@ -205,8 +205,8 @@ def calibration_document(result: Inspection) -> doc.Document:
 
 
 def _numbers(row: Calibration) -> tuple[str, str]:
-    known = math.isfinite(row.value)
-    return doc.plain_numbers(row.value, row.interval) if known else ("not known", doc.NO_NUMBER)
+    is_known = math.isfinite(row.value)
+    return doc.plain_numbers(row.value, row.interval) if is_known else ("not known", doc.NO_NUMBER)
 
 
 def _sections(result: Inspection) -> Iterator[doc.Section]:
@@ -261,7 +261,7 @@ def _remarks(summary: ChannelSummary) -> Iterator[str]:
         yield f"1 gap of {longest:.2g} s" if count == 1 else f"{count} gaps up to {longest:.2g} s"
     if summary.channel.delay_s:
         yield f"{1e3 * summary.channel.delay_s:.2g} ms of its own delay taken off its stamps"
-    for number, what in (
+    for number, words in (
         (quality.duplicated_stamps, "repeated stamps"),
         (quality.backward_stamps, "backward stamps"),
         (quality.evened_stamps, "evened stamps"),
@@ -270,20 +270,20 @@ def _remarks(summary: ChannelSummary) -> Iterator[str]:
         (quality.saturated, "saturated"),
     ):
         if number:
-            yield f"{number} {what}"
+            yield f"{number} {words}"
 
 
 def _airborne(result: Inspection, flight: PreparedFlight) -> Iterator[str]:
     (rule, active), words = result.active(flight), result.motion.words
     yield f"Known by {rule}."
-    yield f"{capitalised(words.where)}: {_listed(active)}." if active else f"Never {words.where}."
+    yield f"{capitalised(words.where)}: {_interval_list(active)}." if active else f"Never {words.where}."
     if active:
         used = report.spans_of(flight.used, flight.grid.time_s)
-        kept = f"{flight.used_s:.1f} s in {_listed(used)}" if used else "nothing"
-        yield f"Used, after the limits of {words.limited_by}: {kept}."
+        duration = f"{flight.used_s:.1f} s in {_interval_list(used)}" if used else "nothing"
+        yield f"Used, after the limits of {words.limited_by}: {duration}."
 
 
-def _listed(intervals: Stretches) -> str:
+def _interval_list(intervals: Stretches) -> str:
     text = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in intervals[:LISTED])
     return text + (f" and {len(intervals) - LISTED} more" if len(intervals) > LISTED else "")
 
@@ -296,22 +296,22 @@ def _absent(result: Inspection) -> Iterator[doc.Section]:
         if name not in log.channels and not log.family(name.rstrip("1").rstrip("_"))
     }
 
-    def sought(name: str) -> str:
+    def where(name: str) -> str:
         return ", ".join(absent.get(name, ())) or f"a channel or column '{name}'"
 
-    plain = [name for name, sources in absent.items() if sources == (f"column {name}",)]
-    first = [f"{name} (needed): looked for {sought(name)}" for name in result.missing]
+    unmapped = [name for name, sources in absent.items() if sources == (f"column {name}",)]
+    first = [f"{name} (needed): looked for {where(name)}" for name in result.missing]
     others = [
-        f"{name}: looked for {sought(name)}" for name in absent if name not in (*plain, *result.missing)
+        f"{name}: looked for {where(name)}" for name in absent if name not in (*unmapped, *result.missing)
     ]
-    plain = [name for name in plain if name not in result.missing]
-    columns = [f"Columns {', '.join(plain)}."] if plain else []
+    unmapped = [name for name in unmapped if name not in result.missing]
+    columns = [f"Columns {', '.join(unmapped)}."] if unmapped else []
     yield from doc.section("Not in the log", doc.Bullets, (*first, *others, *columns))
     yield from doc.section("How to log it", doc.Bullets, result.advice)
 
 
-def _verdict_section(result: Inspection, of: str = "", *record: str) -> doc.Section:
-    heading = f"What identify says{of} (found by running it)"
+def _verdict_section(result: Inspection, part: str = "", *record: str) -> doc.Section:
+    heading = f"What identify says{part} (found by running it)"
     if result.result is None:
         statement = doc.Statement("nothing: it cannot begin", doc.Look.MISSING)
     else:

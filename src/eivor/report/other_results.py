@@ -47,13 +47,13 @@ def residual_files(result: FlightEstimate) -> dict[str, str | bytes]:
     if result.fit is None:
         raise InputError("a flight with an estimate, for its residuals", "one without", "See its verdict.")
     runs, frames = flight_runs(result), []
-    several = len({run.flight for run in runs}) > 1
+    is_pool = len({run.flight for run in runs}) > 1
     traces = result.fit.traces(result.motion)
     topics: dict[str, None] = {}
     for run in runs:
         columns = {"time": run.time_s}
         for trace in traces:
-            words = f"{run.flight + 1}_{Path(run.name).stem}/{trace.axis}" if several else trace.axis
+            words = f"{run.flight + 1}_{Path(run.name).stem}/{trace.axis}" if is_pool else trace.axis
             topic = re.sub(r"[^\w/]", "_", words, flags=re.ASCII)
             measured, predicted = within_band(trace, run).T
             topics[topic] = None
@@ -88,11 +88,11 @@ def _mcap(topics: Sequence[str], table: pl.DataFrame) -> bytes:
         return struct.pack("<BQ", kind, len(content)) + content
 
     schema = json.dumps({"type": "object", "properties": {key: {"type": "number"} for key in SERIES}})
-    made = [MCAP_MAGIC, record(1, text(""), text("eivor"))]
-    made.append(record(3, struct.pack("<H", 1), text("eivor.Residual"), text("jsonschema"), text(schema)))
+    records = [MCAP_MAGIC, record(1, text(""), text("eivor"))]
+    records.append(record(3, struct.pack("<H", 1), text("eivor.Residual"), text("jsonschema"), text(schema)))
     for number, topic in enumerate(topics):
         ends = struct.pack("<HH", number, 1), struct.pack("<I", 0)
-        made.append(record(4, ends[0], text(f"/{topic}"), text("json"), ends[1]))
+        records.append(record(4, ends[0], text(f"/{topic}"), text("json"), ends[1]))
     first_s = table["time"][0]
     for row in table.iter_rows(named=True):
         stamp = round(1e9 * (row["time"] - first_s))
@@ -100,18 +100,18 @@ def _mcap(topics: Sequence[str], table: pl.DataFrame) -> bytes:
             values = {name: row[f"{topic}/{name}"] for name in SERIES}
             if None not in values.values():
                 head = struct.pack("<HIQQ", number, 0, stamp, stamp)
-                made.append(record(5, head, json.dumps(values).encode()))
-    return b"".join([*made, record(15, bytes(4)), record(2, bytes(20)), MCAP_MAGIC])
+                records.append(record(5, head, json.dumps(values).encode()))
+    return b"".join([*records, record(15, bytes(4)), record(2, bytes(20)), MCAP_MAGIC])
 
 
 def _foxglove(topics: Sequence[str]) -> str:
     """Layout of Foxglove and Lichtblick, a tab for each axis; they load none without a playback speed."""
     panels: dict[str, Any] = {"Tab!axes": {"activeTabIdx": 0, "tabs": []}}
-    drawn = {"enabled": True, "timestampMethod": "receiveTime"}
+    style = {"enabled": True, "timestampMethod": "receiveTime"}
     for topic in topics:
         ids = [f"Plot!{topic}-{names[0]}" for names in PLOTTED]
         for panel, names in zip(ids, PLOTTED, strict=True):
-            paths = [{"value": f"/{topic}.{name}", "color": SERIES[name], **drawn} for name in names]
+            paths = [{"value": f"/{topic}.{name}", "color": SERIES[name], **style} for name in names]
             panels[panel] = dict.fromkeys(PANEL_TITLES, f"{topic}: {', '.join(names)}") | {
                 "paths": paths,
                 "xAxisVal": "timestamp",
@@ -135,19 +135,19 @@ def track_document(track: Track) -> doc.Document:
     known = track.known
     if track.nuisances:
         values = ", ".join(f"{name} {1e3 * value:.0f} ms" for name, value in track.nuisances.items())
-        at = f"Followed at {values.replace('_', ' ')}, with a memory of {track.memory_s:g} s."
-        known = (at, *known)
+        sentence = f"Followed at {values.replace('_', ' ')}, with a memory of {track.memory_s:g} s."
+        known = (sentence, *known)
     sections = (
         *((doc.Section("", (_table(track),)),) if track.moments else ()),
         *doc.section("Changes", doc.Bullets, report_changes(track)),
         *doc.section("Not identified", doc.Bullets, untold(track)),
         *doc.section("Taken as known", doc.Bullets, known),
     )
-    about = f"{_called(track)} over the log: {count or 'no moment identifies'} it"
+    about = f"{_parameter_words(track)} over the log: {count or 'no moment identifies'} it"
     return doc.Document(flight.recording.name, about, sections)
 
 
-def _called(track: Track) -> str:
+def _parameter_words(track: Track) -> str:
     if not track.name:
         return "Nothing"
     wording = track.result.motion.quantities[track.name]
@@ -160,15 +160,15 @@ def report_changes(track: Track) -> Iterator[str]:
         by = track.change_at(change)
         yield (
             f"Identified at {change.time_s:.1f} s, and up to {track.memory_s:g} s older than that: "
-            f"the {_called(track)} {'rose' if change.change > 0 else 'fell'}"
+            f"the {_parameter_words(track)} {'rose' if change.change > 0 else 'fell'}"
             f"{'' if by is None else f' by {_share(abs(by[0]), by[1])}'}."
         )
     precise = track.precise_moments
     if precise and not track.changes:
         first, last = precise[0], precise[-1]
-        moved = _share(*relative_change(first, last), "+")
-        over = f" From {first.time_s:.1f} to {last.time_s:.1f} s it changed by {moved}."
-        yield f"No sudden change.{over if len(precise) > 1 else ''}"
+        total = _share(*relative_change(first, last), "+")
+        span = f" From {first.time_s:.1f} to {last.time_s:.1f} s it changed by {total}."
+        yield f"No sudden change.{span if len(precise) > 1 else ''}"
 
 
 def _share(share: float, half: float, sign: str = "") -> str:
@@ -181,17 +181,17 @@ def untold(track: Track) -> Iterator[str]:
         yield from (f"{reason.sentence} {reason.remedy}" for reason in track.result.verdict.reasons)
         return
     for part in stretches(np.array([not moment.is_precise for moment in track.moments])):
-        here = track.moments[part]
-        ends = f"{here[0].time_s:.1f} to {here[-1].time_s:.1f} s"
-        empty = sum(item.share < HELD for item in here)
-        if 2 * empty >= len(here):
+        moments = track.moments[part]
+        ends = f"{moments[0].time_s:.1f} to {moments[-1].time_s:.1f} s"
+        empty = sum(item.share < HELD for item in moments)
+        if 2 * empty >= len(moments):
             why = "hardly any sample of the memory before is of flight that can be used"
         else:
             why = f"the interval is wider than ±{100.0 * LARGEST_SHARE:.0f} %; --memory narrows it"
         yield f"{ends}: {why}."
 
 
-def _thinned(track: Track) -> list[Moment]:
+def _table_moments(track: Track) -> list[Moment]:
     step = max(1, -(-len(track.moments) // ROWS))
     numbered = enumerate(track.moments, start=1)
     return [moment for number, moment in numbered if moment.change or number % step == 0]
@@ -208,14 +208,14 @@ def _table(track: Track) -> doc.TableOf:
     )
     first = track.precise_moments[0].value if track.precise_moments else None
     rows = []
-    for item in _thinned(track):
+    for moment in _table_moments(track):
         value, interval = doc.NO_NUMBER, doc.NO_NUMBER
-        if item.is_precise:
-            scaled = wording.scale * item.value, wording.scale * item.half_width
+        if moment.is_precise:
+            scaled = wording.scale * moment.value, wording.scale * moment.half_width
             value, interval = doc.plain_numbers(scaled[0], (scaled[0] - scaled[1], scaled[0] + scaled[1]))
-        share = f"{100.0 * item.value / first:.0f} %" if item.is_precise and first else ""
-        note = {1: "rose", -1: "fell", 0: ""}[item.change]
-        rows.append((f"{item.time_s:.1f}", value, interval, share, note))
+        share = f"{100.0 * moment.value / first:.0f} %" if moment.is_precise and first else ""
+        note = {1: "rose", -1: "fell", 0: ""}[moment.change]
+        rows.append((f"{moment.time_s:.1f}", value, interval, share, note))
     return doc.table(columns, rows)
 
 
@@ -318,34 +318,34 @@ def plan(
     return make_plan(source, target=target, limits=limits, shape=shape, seed=seed)
 
 
-def plan_document(made: FlightPlan | MachinePlan) -> doc.Document:
+def plan_document(result: FlightPlan | MachinePlan) -> doc.Document:
     """Document of a plan."""
-    if isinstance(made, FlightPlan):
-        title, facts = f"Plan for the {made.predicted[made.target].words}", _plan_facts(made)
+    if isinstance(result, FlightPlan):
+        title, facts = f"Plan for the {result.predicted[result.target].words}", _plan_facts(result)
     else:
         limits = (
-            f"{name} ± {' · '.join(f'{item:.3g}' for item in sizes)}" for name, sizes in made.limits.items()
+            f"{name} ± {' · '.join(f'{item:.3g}' for item in sizes)}" for name, sizes in result.limits.items()
         )
-        title = f"Plan for {made.machine.name}"
-        facts = doc.Facts((("references", ", ".join(made.references)), ("limits", "; ".join(limits))))
+        title = f"Plan for {result.machine.name}"
+        facts = doc.Facts((("references", ", ".join(result.references)), ("limits", "; ".join(limits))))
     rows = []
-    for word, item in made.predicted.items():
-        taken = made.taken(word) if isinstance(made, FlightPlan) else f"{item.value:.3g}"
+    for word, item in result.predicted.items():
+        assumed = result.taken(word) if isinstance(result, FlightPlan) else f"{item.value:.3g}"
         share = (f"in {item.identified} of {len(item.verdicts)}",) if item.verdicts else ()
-        rows.append((item.words, taken, f"± {item.half_width:.2g}", item.unit, *share))
+        rows.append((item.words, assumed, f"± {item.half_width:.2g}", item.unit, *share))
     number = partial(doc.TableColumn, right=True)
     columns = ("quantity", number("taken as"), number("half-width", strong=True), "unit", "identified")
     widths = doc.table(columns[: len(rows[0])], rows)
-    return doc.Document(title, made.sentence, (doc.Section("", (facts, widths)),))
+    return doc.Document(title, result.sentence, (doc.Section("", (facts, widths)),))
 
 
-def _plan_facts(made: FlightPlan) -> doc.Facts:
-    limits, (low, high, speed) = made.limits, made.reached
-    gains = made.vehicle.follows
-    why = ", to suit the lag" if made.vehicle.controller is None else ", as the flight was flown"
+def _plan_facts(result: FlightPlan) -> doc.Facts:
+    limits, (low, high, speed) = result.limits, result.reached
+    gains = result.vehicle.follows
+    why = ", to suit the lag" if result.vehicle.controller is None else ", as the flight was flown"
     return doc.Facts(
         (
-            ("setpoint", f"{made.shape.words}, about {limits.middle_m:g} m above take-off"),
+            ("setpoint", f"{result.shape.words}, about {limits.middle_m:g} m above take-off"),
             (
                 "limits",
                 f"{limits.height_m[0]:g} to {limits.height_m[1]:g} m, {limits.speed:g} m/s, "
@@ -360,16 +360,16 @@ def _plan_facts(made: FlightPlan) -> doc.Facts:
     )
 
 
-def plan_json(made: FlightPlan | MachinePlan) -> dict[str, Json]:
+def plan_json(result: FlightPlan | MachinePlan) -> dict[str, Json]:
     """Document of a plan of schema ``eivor.plan/1``, ready for `json_text`."""
-    shape = {"kind": made.shape.kind, "words": made.shape.words}
-    head = {"target": made.target, "sentence": made.sentence, "shape": shape, "limits": made.limits}
+    shape = {"kind": result.shape.kind, "words": result.shape.words}
+    head = {"target": result.target, "sentence": result.sentence, "shape": shape, "limits": result.limits}
     numbers = ("half_width", "value", "unit")
-    names = (*numbers, "verdicts") if isinstance(made, FlightPlan) else ("words", *numbers)
-    predicted = {word: {name: getattr(item, name) for name in names} for word, item in made.predicted.items()}
-    if isinstance(made, MachinePlan):
-        return document("eivor.plan/1", **head, predicted=predicted, references=list(made.references))
-    low, high, speed = made.reached
+    names = (*numbers, "verdicts") if isinstance(result, FlightPlan) else ("words", *numbers)
+    predicted = {key: {name: getattr(item, name) for name in names} for key, item in result.predicted.items()}
+    if isinstance(result, MachinePlan):
+        return document("eivor.plan/1", **head, predicted=predicted, references=list(result.references))
+    low, high, speed = result.reached
     simulated = {"lowest_m": low, "highest_m": high, "speed": speed}
     return document("eivor.plan/1", **head, predicted=predicted, simulated=simulated)
 

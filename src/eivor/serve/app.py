@@ -171,7 +171,7 @@ class Server:
     def _look_after(self) -> None:
         while not self._closed.wait(LOOK_S):
             self.forget()
-            self.workers.rest()
+            self.workers.end_idle()
 
 
 def remove_abandoned() -> None:

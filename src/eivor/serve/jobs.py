@@ -39,7 +39,7 @@ class Task:
     """Work for a process: the name of a function of `eivor.serve.worker`, and its arguments."""
 
     name: str
-    given: Mapping[str, Any] = field(default_factory=dict)
+    arguments: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +57,9 @@ WorkFunction = Callable[[Task, ProgressCallback], Outcome]
 Event = dict[str, Any]
 
 
-def work(item: Task, report: ProgressCallback) -> Outcome:
+def work(task: Task, report: ProgressCallback) -> Outcome:
     """Outcome of a task in a worker process, which alone loads what that needs."""
-    return resolve_name("eivor.serve.worker:outcome_of")(item, report)
+    return resolve_name("eivor.serve.worker:outcome_of")(task, report)
 
 
 #: A process that has worked ends after so long without work [s]; tasks that wait at most.
@@ -104,7 +104,7 @@ class Workers:
                 )
             position = sum(item.urgent for item in self._waiting) if ticket.urgent else len(self._waiting)
             self._waiting.insert(position, ticket)
-            self._threads.submit(self._take)
+            self._threads.submit(self._run_next)
 
     def position(self, ticket: Ticket) -> int:
         """How many are before a task, and it; zero when it waits no more."""
@@ -131,13 +131,13 @@ class Workers:
         remedy = "Stop `eivor serve` and start it again."
         raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "a worker process that begins", "none", remedy)
 
-    def rest(self) -> None:
+    def end_idle(self) -> None:
         """End processes that have worked and wait for long; a new one waits in their place."""
         with self._lock:
-            rested = [item for item in self._free if item[1] < time.monotonic() - IDLE_S]
-            self._free = [item for item in self._free if item not in rested]
-            begin = rested and not self._free
-        for process, _ in rested:
+            idle = [item for item in self._free if item[1] < time.monotonic() - IDLE_S]
+            self._free = [item for item in self._free if item not in idle]
+            begin = idle and not self._free
+        for process, _ in idle:
             process.close()
         with suppress(RefusedError):
             if begin:
@@ -158,7 +158,7 @@ class Workers:
         self.put(ticket)
         return ticket
 
-    def _take(self) -> None:
+    def _run_next(self) -> None:
         """Do the first task that waits, if any, in the process that worked last."""
         with self._lock:
             if not self._waiting:  # it was given up
@@ -167,13 +167,13 @@ class Workers:
             new = WorkerProcess(self._function, self._limits), math.inf
             process, worked_at = self._free.pop() if self._free else new
         ticket.on_start()
-        outcome = self._done(process, ticket)
+        outcome = self._run(process, ticket)
         with self._lock:
             is_first = ticket.task.name == "choices"
             self._free.append((process, worked_at if is_first else time.monotonic()))
         ticket.outcome.set_result(outcome)
 
-    def _done(self, process: WorkerProcess, ticket: Ticket) -> Outcome:
+    def _run(self, process: WorkerProcess, ticket: Ticket) -> Outcome:
         try:
             outcome: Outcome = process(
                 ticket.task, report=ticket.report, given_up=lambda: ticket.given_up or self._closed
@@ -217,9 +217,9 @@ class Job:
         self._report: RefusedError | None = None
         self.working = True  # a process may still use its logs and its folder
         self.stem = next(iter(logs.values())).name.rpartition(".")[0] or "flight"
-        given = {"request": job_request, "logs": logs, "folder": folder}
-        self._ticket = Ticket(Task("identify", given), on_start=self._began, report=self._heard)
-        self._ticket.outcome.add_done_callback(lambda outcome: self._ended(outcome.result()))
+        arguments = {"request": job_request, "logs": logs, "folder": folder}
+        self._ticket = Ticket(Task("identify", arguments), on_start=self._on_start, report=self._on_event)
+        self._ticket.outcome.add_done_callback(lambda outcome: self._on_outcome(outcome.result()))
         workers.put(self._ticket)
 
     def events(self) -> Iterator[Event]:
@@ -263,15 +263,15 @@ class Job:
             raise absent("a report", self.name)
         return folder / REPORT
 
-    def _began(self) -> None:
+    def _on_start(self) -> None:
         self._begun_at = time.monotonic()
 
-    def _heard(self, event: Event) -> None:
+    def _on_event(self, event: Event) -> None:
         with self._change:
             if "stage" in self._events[-1]:  # after the verdict the report is written
                 self._add(event)
 
-    def _ended(self, outcome: Outcome) -> None:
+    def _on_outcome(self, outcome: Outcome) -> None:
         with self._change:
             self.working = False
             refused = outcome if isinstance(outcome, RefusedError) else None
@@ -308,8 +308,8 @@ class Jobs:
             raise
         with self._lock:
             self._jobs[name] = job
-            over = [_job for _job in self._jobs.values() if not _job.working]
-            for old in over[: max(len(over) - MOST_REMEMBERED, 0)]:
+            finished = [_job for _job in self._jobs.values() if not _job.working]
+            for old in finished[: max(len(finished) - MOST_REMEMBERED, 0)]:
                 self._forget(old)
         return name
 
@@ -380,8 +380,8 @@ class KeptLogs:
         try:
             log = secrets.token_hex(16)
             ending = PurePosixPath(name).suffix.lower()
-            plain = ending[1:].isascii() and ending[1:].isalnum() and len(ending) <= LONGEST_ENDING
-            path = self._folder / f"{log}{ending if plain else ''}"
+            is_plain = ending[1:].isascii() and ending[1:].isalnum() and len(ending) <= LONGEST_ENDING
+            path = self._folder / f"{log}{ending if is_plain else ''}"
             _write(path, files)
             with self._lock:
                 self._entries[log] = KeptLog(path, name, size), clock()
@@ -393,14 +393,14 @@ class KeptLogs:
     def _make_room(self, size: int, in_use: Collection[str]) -> None:
         """Forget the oldest logs that nobody works on, until another one has room."""
         with self._lock:
-            most = LARGEST_KEPT * self._largest
+            limit = LARGEST_KEPT * self._largest
             free = shutil.disk_usage(self._folder).free - LEFT_FREE - self._coming
             oldest = sorted(set(self._entries) - set(in_use), key=lambda item: self._entries[item][1])
             kept = sum(kept.size for kept, _ in self._entries.values()) + self._coming
-            while (kept + size > most or size > free) and oldest:
-                gone = self._forget(oldest.pop(0))
-                kept, free = kept - gone, free + gone
-            if kept + size > most or size > free:
+            while (kept + size > limit or size > free) and oldest:
+                freed = self._forget(oldest.pop(0))
+                kept, free = kept - freed, free + freed
+            if kept + size > limit or size > free:
                 raise RefusedError(
                     HTTPStatus.INSUFFICIENT_STORAGE,
                     f"room for {size} bytes more",

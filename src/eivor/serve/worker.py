@@ -79,9 +79,9 @@ def outcome_of(task: Task, progress: ProgressCallback) -> Outcome:
     """Outcome of a task: a `RefusedError` where it cannot be done."""
     try:
         if task.name == "identify":
-            identify(**task.given, progress=progress)
+            identify(**task.arguments, progress=progress)
             return None
-        return TASKS[task.name](**task.given)
+        return TASKS[task.name](**task.arguments)
     except EivorError as error:
         return refusal(error)
 

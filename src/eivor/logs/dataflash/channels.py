@@ -140,26 +140,26 @@ def motor_range(parameters: Mapping[str, float]) -> MotorRange | None:
     return MotorRange(low, high, " and ".join(names), spin_min, spin_max, curve)
 
 
-def disagreement(throttle: Series, thrust: Series, known: MotorRange) -> str:
+def disagreement(throttle: Series, thrust: Series, motor: MotorRange) -> str:
     """Sentence on pulse widths that do not fit the throttle; empty where they do."""
     flight = np.isfinite(throttle) & np.isfinite(thrust) & (throttle > LEAST_THROTTLE)
-    throttle_in, given = throttle[flight], thrust[flight]
+    throttle_in, thrust_in = throttle[flight], thrust[flight]
     if throttle_in.size < LEAST_COUNT or throttle_in.std() < LEAST_SPREAD:
         return ""
     order = np.argsort(throttle_in, kind="stable")
-    throttle_in, given = throttle_in[order], given[order]
+    throttle_in, thrust_in = throttle_in[order], thrust_in[order]
     half = throttle_in.size // 2
     separated = throttle_in[half:] - throttle_in[: throttle_in.size - half] > 0.5 * LEAST_SPREAD
     if separated.sum() < LEAST_COUNT // 2:
         return ""
-    rises = (given[half:] - given[: throttle_in.size - half])[separated]
+    rises = (thrust_in[half:] - thrust_in[: throttle_in.size - half])[separated]
     slope = float(np.median(rises / (throttle_in[half:] - throttle_in[: throttle_in.size - half])[separated]))
-    offset = float(np.median(given - throttle_in))
+    offset = float(np.median(thrust_in - throttle_in))
     if abs(slope - 1.0) <= SLOPE_WITHIN and abs(offset) <= OFFSET_WITHIN:
         return ""
     return (
         f"The thrust by the motors' pulse widths is {slope:.2f} times the throttle's changes, and "
-        f"{offset:+.2f} off it. The range {known.low:g} to {known.high:g} us ({known.names}), MOT_SPIN_MIN, "
+        f"{offset:+.2f} off it. The range {motor.low:g} to {motor.high:g} us ({motor.names}), MOT_SPIN_MIN, "
         "MOT_SPIN_MAX or MOT_THST_EXPO are not those of the flight."
     )
 
@@ -177,12 +177,12 @@ def _add_outputs(reading: ardupilot.MessageReading, table: Messages) -> None:
     shares = {motor: np.where(width > 0.0, width, np.nan) for motor, width in widths.items()}
     if not shares:
         return
-    known = motor_range(reading.parameters)
-    if known is not None:
-        shares = {motor: known.share(width) for motor, width in shares.items()}
-    for motor, item in shares.items():
-        reading.add(f"actuator_output_{motor}", table, item, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
-    if known is None:
+    pulses = motor_range(reading.parameters)
+    if pulses is not None:
+        shares = {motor: pulses.share(width) for motor, width in shares.items()}
+    for motor, values in shares.items():
+        reading.add(f"actuator_output_{motor}", table, values, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
+    if pulses is None:
         sentence = (
             "RCOU holds pulse widths in microseconds, and no parameter gives their range (MOT_PWM_MIN and "
             "MOT_PWM_MAX, or RC3_MIN and RC3_MAX). They stay as they are, and no input map fits an offset."
@@ -190,24 +190,24 @@ def _add_outputs(reading: ardupilot.MessageReading, table: Messages) -> None:
         reading.findings.append(Finding("pulse_range_unknown", sentence))
         return
     sentence = (
-        f"RCOU holds pulse widths in microseconds: they are read as shares of the range {known.low:g} to "
-        f"{known.high:g} ({known.names}), of which {known.spin_min:g} to {known.spin_max:g} is in use."
+        f"RCOU holds pulse widths in microseconds: they are read as shares of the range {pulses.low:g} to "
+        f"{pulses.high:g} ({pulses.names}), of which {pulses.spin_min:g} to {pulses.spin_max:g} is in use."
     )
     reading.findings.append(Finding("pulse_widths", sentence))
     voltage = _voltage(table, reading)
-    thrust = np.mean([known.thrust(share, voltage) for share in shares.values()], axis=0)
+    thrust = np.mean([pulses.thrust(share, voltage) for share in shares.values()], axis=0)
     throttle = reading.channels.get("input")
     if throttle is None:
         reading.add("input", table, thrust, "RCOU through the thrust curve", CurveSide.BEFORE)
         return
     throttle_values = np.interp(reading.time_s(table), throttle.time_s, throttle.values)
     free = np.all([(share > 0.0) & (share < 1.0) for share in shares.values()], axis=0)
-    doubt = disagreement(np.where(free, throttle_values, np.nan), thrust, known)
+    doubt = disagreement(np.where(free, throttle_values, np.nan), thrust, pulses)
     reading.findings.extend(common.noted("motor_range", "{}", doubt))
 
 
 def _voltage(table: Messages, reading: ardupilot.MessageReading) -> Series:
-    """Ratio of the battery's voltage to its largest, by which the thrust is corrected; 1 where it is not."""
+    """Ratio of the battery's voltage to its largest, which corrects the thrust; 1 where not logged."""
     motor_table = reading.table("MOTB")
     column = motor_table.first("BatVolt", "BV") if motor_table is not None else ""
     if motor_table is None or not column:
@@ -241,17 +241,17 @@ def _add_modes(reading: ardupilot.MessageReading, table: Messages) -> None:
         "input_open_loop": ardupilot.OPEN_LOOP_MODES,
         "pilot_sets_attitude": (*ardupilot.ATTITUDE_MODES, *ardupilot.RATE_MODES),
     }
-    for name, known in modes.items() if column else ():
-        within = np.isin(table.values(column), reading.with_sweeps(known)).astype(np.float64)
-        reading.add(name, table, within, f"MODE.{column}")
+    for name, numbers in modes.items() if column else ():
+        in_mode = np.isin(table.values(column), reading.with_sweeps(numbers)).astype(np.float64)
+        reading.add(name, table, in_mode, f"MODE.{column}")
 
 
 def _add_landed(reading: ardupilot.MessageReading, table: Messages) -> None:
     numbers = table.values("Id")
-    known = np.isin(numbers, list(ardupilot.LANDED_EVENTS))
-    if known.any():
-        values = np.array([ardupilot.LANDED_EVENTS[int(number)] for number in numbers[known].tolist()])
-        reading.add("landed", table.where(known), values, "EV.Id")
+    is_event = np.isin(numbers, list(ardupilot.LANDED_EVENTS))
+    if is_event.any():
+        values = np.array([ardupilot.LANDED_EVENTS[int(number)] for number in numbers[is_event].tolist()])
+        reading.add("landed", table.where(is_event), values, "EV.Id")
 
 
 def _add_disarmed(reading: ardupilot.MessageReading, table: Messages) -> None:
@@ -301,19 +301,19 @@ def _add_attitude(reading: ardupilot.MessageReading, table: Messages) -> None:
 
 def _quaternion(table: Messages, part: str) -> Series:
     # a yaw without jumps makes a quaternion without jumps of sign
-    made = table.values("Yaw")
-    made *= _DEG
-    made = _unwrapped(made)
+    result = table.values("Yaw")
+    result *= _DEG
+    result = _unwrapped(result)
     others = [(table.stored(name), table.layout.fields[name].factor * _DEG) for name in ("Roll", "Pitch")]
     for start, stop in row_blocks(0, table.count, PASSED_ROWS):
-        angles = [factor * stored[start:stop].astype(np.float64) for stored, factor in others]
-        halves = [0.5 * angle for angle in (*angles, made[start:stop])]
+        angles = [factor * counts[start:stop].astype(np.float64) for counts, factor in others]
+        halves = [0.5 * angle for angle in (*angles, result[start:stop])]
         first, second = (
-            np.prod([of(half) for of, half in zip(functions, halves, strict=True)], axis=0)
+            np.prod([function(half) for function, half in zip(functions, halves, strict=True)], axis=0)
             for functions in zip(*_FACTORS[part], strict=True)
         )
-        made[start:stop] = first + second if part in "wy" else first - second
-    return made
+        result[start:stop] = first + second if part in "wy" else first - second
+    return result
 
 
 #: Setpoints of attitude [deg] and of rates [deg/s] by message, and their columns.
@@ -345,7 +345,7 @@ def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None
 
 
 def _unwrapped(angle: Series) -> Series:
-    """Take the jumps of whole turns out of an angle [rad], in place; zero where it cannot be one."""
+    """Unwrap an angle [rad] in place; zero where it is no plausible angle."""
     angle[~((angle > -LARGEST_ANGLE) & (angle < LARGEST_ANGLE))] = 0.0
     turns = np.diff(angle)
     turns /= 2.0 * np.pi
@@ -368,12 +368,12 @@ def _add_sweeps(reading: ardupilot.MessageReading, sweep: Messages) -> None:
     sentence = "Sweeps of system identification on axis {:g} are not used."
     reading.findings += (Finding("sweep_unused", sentence.format(a)) for a in present if a not in SWEPT)
     for name, factor in dict.fromkeys(SWEPT[axis] for axis in present if axis in SWEPT):
-        swept = np.isin(axes, [axis for axis, (of, _) in SWEPT.items() if of == name])
+        swept = np.isin(axes, [axis for axis, (channel, _) in SWEPT.items() if channel == name])
         _add_sweep(reading, name, sweep, np.where(swept, sweep.values("Targ") * factor, 0.0))
 
 
 def _add_sweep(reading: ardupilot.MessageReading, name: str, sweep: Messages, values: Series) -> None:
-    """Add a sweep: beside its samples nothing is injected, and sticks ask for what they do."""
+    """Add a sweep: zero between its samples, where stick setpoints stay."""
     given_channel = reading.channels.get(name)
     reading.add(name, sweep, np.nan_to_num(values), "SIDD.Targ")
     channel = reading.channels.get(name)
@@ -386,12 +386,12 @@ def _add_sweep(reading: ardupilot.MessageReading, name: str, sweep: Messages, va
     if time[0] > 0.0:
         time, injected = np.insert(time, 0, 0.0), np.insert(injected, 0, 0.0)
     channel = replace(channel, time_s=time, values=injected)
-    kept = channel if given_channel is None else _with_sweep(given_channel, channel)
-    reading.put(kept, lambda: kept)
+    merged = channel if given_channel is None else _with_sweep(given_channel, channel)
+    reading.put(merged, lambda: merged)
 
 
 def _with_sweep(channel: Channel, sweep: Channel) -> Channel:
-    """What sticks ask for, and in its place a sweep where there is one; zero where there is neither."""
+    """Stick setpoint with the sweep in its place while one runs; zero where there is neither."""
     rests = common.held_at(sweep.time_s, sweep.values, channel.time_s, 0.0) == 0.0
     moves = np.flatnonzero(sweep.values != 0.0)
     time = np.concatenate([channel.time_s[rests], sweep.time_s[moves]])
@@ -402,7 +402,7 @@ def _with_sweep(channel: Channel, sweep: Channel) -> Channel:
     )
 
 
-#: What adds channels of a message, in order, and the columns that it needs.
+#: Functions that add channels of a message, in order, with the columns that they need.
 MAKERS: tuple[tuple[Callable[[ardupilot.MessageReading, Messages], None], str, tuple[str, ...]], ...] = (
     (_add_attitude, "ATT", ardupilot.ATTITUDE),
     (_add_setpoints, "ATT", ()),
@@ -463,7 +463,7 @@ def read_dataflash(file: Path, _options: common.ReadOptions) -> Recording:
     tables, findings = _tables(content)
     parameters = _parameters(tables)
     ardupilot.choose_estimator(tables, parameters, findings)
-    reading = ardupilot.MessageReading.of(tables, parameters, findings)
+    reading = ardupilot.MessageReading.from_tables(tables, parameters, findings)
     _add_all(reading)
     if not reading.channels:
         raise EmptyLogError(
@@ -504,14 +504,14 @@ def _add_all(reading: ardupilot.MessageReading) -> common.KeptChannels:
 
 
 def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
-    read = read_lines if is_text(content[: common.HEAD_BYTES]) else read_messages
-    messages, findings = read(content, ardupilot.NEEDED)
+    reader = read_lines if is_text(content[: common.HEAD_BYTES]) else read_messages
+    messages, findings = reader(content, ardupilot.NEEDED)
     unusable = sorted(message.name for message in messages if not message.layout.fields)
     sentence = "Left out, because codes, names and length of their fields disagree: {}."
     findings += common.noted("message_formats", sentence, unusable)
     misfits: list[str] = []
     tables: dict[str, Messages] = {}
-    lost = 0
+    dropped = 0
     for message in messages:
         left_out = message.layout.misfits()
         misfits += [f"{message.name}.{name}" for name in left_out]
@@ -522,13 +522,13 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
         if lowest.clock and lowest.count:
             time_s = lowest.time_s()
             sound = common.believable(time_s - float(np.median(time_s)))
-            lost += int((~sound).sum())
+            dropped += int((~sound).sum())
             lowest = lowest.where(sound)
         if lowest.count:
             tables[lowest.name] = lowest
     sentence = "Columns left out, in which texts or lists stand for numbers, or numbers for texts: {}."
     findings += common.noted("message_formats", sentence, sorted(misfits))
-    findings += common.noted("time_stamps", "Messages left out, because their stamp cannot be: {}.", lost)
+    findings += common.noted("time_stamps", "Messages left out, because their stamp cannot be: {}.", dropped)
     return tables, findings
 
 
@@ -540,8 +540,8 @@ def _lowest(table: Messages) -> Messages:
     if not column or not table.count:
         return table
     instances = table.stored(column)
-    result, counts = np.unique(instances, return_counts=True)
-    lowest = result[counts >= 0.1 * counts.max()].min()  # others are damage, or were lost at once
+    numbers, counts = np.unique(instances, return_counts=True)
+    lowest = numbers[counts >= 0.1 * counts.max()].min()  # others are damage, or were lost at once
     return table.where(instances == lowest)
 
 
@@ -566,7 +566,7 @@ def _add(reading: ardupilot.MessageReading, name: str, source: ardupilot.Message
         result *= factor
         if source.needs_height_loop:
             manual = reading.with_sweeps(ardupilot.WITHOUT_HEIGHT_MODES)
-            result[reading.modes_at(table, manual, before=True)] = np.nan
+            result[reading.modes_at(table, manual, initial=True)] = np.nan
             result[reading.landed_at(table)] = np.nan
         return result
 

@@ -50,7 +50,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class MessageType:
-    """What a FMT message says of a type."""
+    """Layout of a type by its FMT message."""
 
     number: int
     name: str
@@ -183,22 +183,22 @@ class Messages:
         if not self.count:
             return np.empty(0, field.kind)
         if self.count * self.layout.length > KEPT_BYTES or self.data.size > LONG_FILE_BYTES:
-            return self._taken(field.kind, field.offset)
-        kept = np.ndarray((self.count,), field.kind, self._whole, field.offset, (self.layout.length,))
-        return np.array(kept)
+            return self._gather(field.kind, field.offset)
+        view = np.ndarray((self.count,), field.kind, self._all_bytes, field.offset, (self.layout.length,))
+        return np.array(view)
 
     @cached_property
-    def _whole(self) -> np.ndarray:
-        """All messages, one after the other: most of the time is that of finding each in the file."""
-        return self._taken(np.dtype((np.void, self.layout.length)), 0)
+    def _all_bytes(self) -> np.ndarray:
+        """Bytes of all messages, contiguous: gathering them from the file takes most of the time."""
+        return self._gather(np.dtype((np.void, self.layout.length)), 0)
 
-    def _taken(self, kind: np.dtype[np.generic], offset: int) -> np.ndarray:
-        """What is in each message from a byte on."""
-        anywhere = np.ndarray((self.data.size - self.layout.length + 1,), kind, self.data, offset, (1,))
-        taken = np.empty((self.count, *kind.shape), kind.base)
+    def _gather(self, kind: np.dtype[np.generic], offset: int) -> np.ndarray:
+        """Value of `kind` at an offset of each message."""
+        windows = np.ndarray((self.data.size - self.layout.length + 1,), kind, self.data, offset, (1,))
+        gathered = np.empty((self.count, *kind.shape), kind.base)
         for start, stop in row_blocks(0, self.count, COPIED_ROWS):
-            taken[start:stop] = anywhere[self.offsets[start:stop]]
-        return taken
+            gathered[start:stop] = windows[self.offsets[start:stop]]
+        return gathered
 
     def values(self, column: str) -> Float[np.ndarray, " n"]:
         """Return a column as numbers, in its unit."""
@@ -226,7 +226,7 @@ def rows_of(tables: Mapping[str, Messages], name: str, *columns: str) -> list[tu
     table = tables.get(name)
     if table is None or not table.has(*columns):
         return []
-    values = (table.texts(item) if item in TEXTS else table.values(item).tolist() for item in columns)
+    values = (table.texts(column) if column in TEXTS else table.values(column).tolist() for column in columns)
     return list(zip(*values, strict=True))
 
 
@@ -245,78 +245,78 @@ class _Chain:
 def read_messages(content: mmap.mmap, names: Collection[str]) -> tuple[list[Messages], list[Finding]]:
     """Return all messages of some types, and what is wrong with the file."""
     layouts, findings = read_layouts(content)
-    wanted = {number: layout for number, layout in layouts.items() if layout.name in names}
+    selected = {number: layout for number, layout in layouts.items() if layout.name in names}
     data = np.frombuffer(content, dtype=np.uint8)
-    offsets, damage = find_offsets(data, layouts, wanted)
-    messages = [Messages(layout, data, offsets[number]) for number, layout in wanted.items()]
+    offsets, damage = find_offsets(data, layouts, selected)
+    messages = [Messages(layout, data, offsets[number]) for number, layout in selected.items()]
     return messages, [*findings, *damage]
 
 
 def find_offsets(
-    data: np.ndarray, layouts: Mapping[int, MessageType], wanted: Collection[int]
+    data: np.ndarray, layouts: Mapping[int, MessageType], selected: Collection[int]
 ) -> tuple[dict[int, np.ndarray], list[Finding]]:
     """Return the places of all messages of the wanted types, in order, and what is damaged."""
     lengths = np.zeros(256, dtype=np.int64)
     for number, layout in layouts.items():
         lengths[number] = layout.length
-    is_wanted = np.zeros(256, dtype=np.bool_)
-    is_wanted[list(wanted)] = True
-    kept = np.uint32 if data.size < 1 << 32 else np.int64
-    parts, chain = {number: [np.empty(0, kept)] for number in wanted}, _Chain()
+    is_selected = np.zeros(256, dtype=np.bool_)
+    is_selected[list(selected)] = True
+    index_type = np.uint32 if data.size < 1 << 32 else np.int64
+    parts, chain = {number: [np.empty(0, index_type)] for number in selected}, _Chain()
     for start in range(0, data.size, BLOCK_BYTES):
         if chain.breaks > MAX_BREAKS:
             break
         part = data[start : start + BLOCK_BYTES + 2]
         indices = np.flatnonzero((part[:-2] == HEAD[0]) & (part[1:-1] == HEAD[1]))
         heads = indices[lengths[part[indices + 2]] > 0] + start
-        heads = heads[_chained(data, heads, lengths, chain)]
+        heads = heads[_chain_heads(data, heads, lengths, chain)]
         kinds = data[heads + 2]
-        heads, kinds = heads[is_wanted[kinds]], kinds[is_wanted[kinds]]
+        heads, kinds = heads[is_selected[kinds]], kinds[is_selected[kinds]]
         for number in np.unique(kinds).tolist():
-            parts[number].append(heads[kinds == number].astype(kept))
-    rest = data[chain.position :]
-    is_cut = rest[:2].tobytes() == HEAD[: rest.size] and not (rest.size > 2 and lengths[rest[2]] <= rest.size)
-    skipped = chain.skipped + (0 if is_cut else rest.size)
+            parts[number].append(heads[kinds == number].astype(index_type))
+    tail = data[chain.position :]
+    is_cut = tail[:2].tobytes() == HEAD[: tail.size] and not (tail.size > 2 and lengths[tail[2]] <= tail.size)
+    skipped = chain.skipped + (0 if is_cut else tail.size)
     sentence = "The log ends within a message ({} bytes of it are there)."
-    findings = noted("truncated", sentence, rest.size if is_cut else 0)
+    findings = noted("truncated", sentence, tail.size if is_cut else 0)
     damaged = "Damaged parts were left out: {} bytes that belong to no message."
     findings += noted("corrupt_parts", damaged, skipped)
-    return {number: np.concatenate(parts.pop(number)) for number in wanted}, findings
+    return {number: np.concatenate(parts.pop(number)) for number in selected}, findings
 
 
-def _followed(data: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Whether another message, or the end of the file, stands where each ends."""
-    within = ends + HEAD_BYTES <= data.size
-    index = np.where(within, ends, 0)
+def _is_followed(data: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bool[np.ndarray, " n"]:
+    """Whether another message or the end of the file follows each end."""
+    has_head = ends + HEAD_BYTES <= data.size
+    index = np.where(has_head, ends, 0)
     head = (data[index] == HEAD[0]) & (data[index + 1] == HEAD[1]) & (lengths[data[index + 2]] > 0)
-    return np.asarray((within & head) | (~within & (ends <= data.size)))
+    return np.asarray((has_head & head) | (~has_head & (ends <= data.size)))
 
 
-def _chained(
+def _chain_heads(
     data: np.ndarray, heads: np.ndarray, lengths: np.ndarray, chain: _Chain
 ) -> Bool[np.ndarray, " n"]:
-    """Which heads of a block begin messages; moves the chain on to where the next one should begin."""
-    taken = np.zeros(heads.size, dtype=np.bool_)
+    """Mask of heads that begin messages; advances the chain to where the next one should begin."""
+    is_message = np.zeros(heads.size, dtype=np.bool_)
     if not heads.size:
-        return taken
+        return is_message
     ends = heads + lengths[data[heads + 2]]
-    continues = _followed(data, ends, lengths)
-    able = np.flatnonzero(continues)
+    continues = _is_followed(data, ends, lengths)
+    candidates = np.flatnonzero(continues)
     last = np.append(np.flatnonzero(~continues[:-1] | (ends[:-1] != heads[1:])), heads.size - 1)
     index = int(np.searchsorted(heads, chain.position))
     while index < heads.size and chain.breaks <= MAX_BREAKS:
         if heads[index] != chain.position or not continues[index]:
-            following = int(np.searchsorted(able, index))
-            if following == able.size:
+            following = int(np.searchsorted(candidates, index))
+            if following == candidates.size:
                 break
-            index = int(able[following])
+            index = int(candidates[following])
             chain.skipped += int(heads[index]) - chain.position
         final = int(last[np.searchsorted(last, index)])
-        taken[index : final + 1] = continues[index : final + 1]
+        is_message[index : final + 1] = continues[index : final + 1]
         chain.position = int(ends[final] if continues[final] else heads[final])
         index = max(int(np.searchsorted(heads, chain.position)), final + 1 if not continues[final] else 0)
         chain.breaks += 1
-    return taken
+    return is_message
 
 
 #: How a log in text is identified: by the line that describes its descriptions.
@@ -344,29 +344,29 @@ def is_text(head: bytes) -> bool:
 
 def read_lines(content: mmap.mmap, names: Collection[str]) -> tuple[list[Messages], list[Finding]]:
     """Return all messages of some types, and what is wrong with the file."""
-    described = _described(content)
+    described = _described_layouts(content)
     layouts = {layout.name: layout for layout in reversed(described.layouts.values())}
-    wanted = {name: layout for name, layout in layouts.items() if name in names}
-    parts: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
+    selected = {name: layout for name, layout in layouts.items() if name in names}
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in selected}
     damaged = 0
     for block in _blocks(content):
         for name, lines in _by_type(block).items():
             if name not in layouts and name != "FMT":
                 damaged += len(lines)
-            elif name in wanted and wanted[name].fields:
-                rows = _rows(lines, wanted[name])
+            elif name in selected and selected[name].fields:
+                rows = _rows(lines, selected[name])
                 damaged += len(lines) - len(rows)
                 parts[name].append(rows)
-    rest = len(content) - 1 - content.rfind(b"\n")
+    tail_bytes = len(content) - 1 - content.rfind(b"\n")
     findings = [
         *described.findings(),
-        *noted("truncated", "The log ends within a line ({} bytes of it are there).", rest),
+        *noted("truncated", "The log ends within a line ({} bytes of it are there).", tail_bytes),
         *noted("corrupt_parts", "Damaged parts were left out: {} lines that are no message.", damaged),
     ]
-    return [_messages(layout, parts[name]) for name, layout in wanted.items()], findings
+    return [_messages(layout, parts[name]) for name, layout in selected.items()], findings
 
 
-def _described(content: mmap.mmap) -> DeclaredLayouts:
+def _described_layouts(content: mmap.mmap) -> DeclaredLayouts:
     """Layouts by the FMT lines, wherever they are."""
     described = DeclaredLayouts()
     for _, line in zip(range(MAX_FORMATS), _FMT_LINE.finditer(content), strict=False):
@@ -376,7 +376,7 @@ def _described(content: mmap.mmap) -> DeclaredLayouts:
             continue
         if len(cells) == 4 and not cells[3]:
             cells.append(b"")
-        too_long = any(len(cell) > most for cell, most in zip(cells[2:], (4, 16, 64), strict=False))
+        too_long = any(len(cell) > limit for cell, limit in zip(cells[2:], (4, 16, 64), strict=False))
         if len(cells) < 5 or max(numbers) > 255 or too_long:
             described.unsound += 1
         else:
@@ -398,9 +398,9 @@ def _by_type(block: bytes) -> dict[str, list[bytes]]:
     """Lines by the name of their type, without it; what has no comma is no message."""
     lines: dict[bytes, list[bytes]] = {}
     for line in block.split(b"\n"):
-        name, comma, rest = line.partition(b",")
+        name, comma, cells = line.partition(b",")
         if comma:
-            lines.setdefault(name, []).append(rest)
+            lines.setdefault(name, []).append(cells)
     results: dict[str, list[bytes]] = {}
     for name, of_name in lines.items():
         results.setdefault(name.strip(_AROUND).decode("latin-1"), []).extend(of_name)
@@ -419,12 +419,12 @@ def _rows(lines: list[bytes], layout: MessageType) -> np.ndarray:
             column = np.array([cell[: own_field.kind.itemsize] for cell in selected], dtype=own_field.kind)
         elif own_field.kind.subdtype is None:
             names = MODES if (layout.name, name) == ("MODE", "Mode") else {}
-            column, can_be = _stored(own_field, _numbers(selected, names))
+            column, can_be = _encode(own_field, _numbers(selected, names))
             sound &= can_be
         else:
             continue
-        stored = rows[:, own_field.offset : own_field.offset + own_field.kind.itemsize]
-        stored[:] = column.view(np.uint8).reshape(stored.shape)
+        target = rows[:, own_field.offset : own_field.offset + own_field.kind.itemsize]
+        target[:] = column.view(np.uint8).reshape(target.shape)
     return rows[sound]
 
 
@@ -444,15 +444,15 @@ def _number(cell: bytes, names: Mapping[str, int]) -> float:
         return float(names.get(name, UNKNOWN_MODE)) if names else np.nan
 
 
-def _stored(field: Field, values: Float[np.ndarray, " n"]) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
-    """Column as its code stores it, and where it could be."""
+def _encode(field: Field, values: Float[np.ndarray, " n"]) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
+    """Column as its code stores it, and a mask of the values that fit."""
     with np.errstate(invalid="ignore", over="ignore"):
         if field.kind.kind == "f":
             return values.astype(field.kind), np.ones(values.size, dtype=np.bool_)
-        whole, size = np.round(values / field.factor), 2.0 ** (8 * field.kind.itemsize)
-        least = -0.5 * size if field.kind.kind == "i" else 0.0
-        can_be = (whole >= least) & (whole < least + size)
-        return np.where(can_be, whole, 0.0).astype(field.kind), can_be
+        integers, size = np.round(values / field.factor), 2.0 ** (8 * field.kind.itemsize)
+        lowest = -0.5 * size if field.kind.kind == "i" else 0.0
+        can_be = (integers >= lowest) & (integers < lowest + size)
+        return np.where(can_be, integers, 0.0).astype(field.kind), can_be
 
 
 def _messages(layout: MessageType, parts: list[np.ndarray]) -> Messages:

@@ -38,7 +38,7 @@ def dataflash_origin(tables: Mapping[str, Messages], parameters: Mapping[str, fl
 
 
 def _first(pattern: re.Pattern[str], texts: list[str]) -> str:
-    """What the first text that fits says: its group, or all of it."""
+    """Group of the pattern in the first text that matches, or all of that text."""
     results = (pattern.match(text) for text in texts if text.isprintable())
     return next((match[match.lastindex or 0].strip() for match in results if match), "")
 
@@ -55,7 +55,7 @@ def _start(table: Messages | None) -> datetime | None:
     return utc_time(float(np.median((utc - table.time_s())[dated])))
 
 
-#: What each estimator's first core is logged as, the preferred one first.
+#: Message of each estimator's first core, the preferred one first.
 ESTIMATORS = ("XKF1", "NKF1", "EKF1")
 #: Columns of CTUN with the climb rate by barometer and accelerometer, of firmware before the EKF's.
 CLIMBS = ("CRt", "CRate")
@@ -148,11 +148,11 @@ _PRIMARY = {"XKF1": ("XKFS", "XKF4"), "NKF1": ("NKF4",), "EKF1": ()}
 def choose_estimator(
     tables: dict[str, Messages], parameters: Mapping[str, float], findings: list[Finding]
 ) -> None:
-    """Leave of all estimates the one that flies, under the name of its first core."""
+    """Keep the estimator that flew, under the name of its first core."""
     logged = [name for name in ESTIMATORS if name in tables]
     if not logged:
         return
-    estimator = _most(tables.get("ATT"), "AEKF") or int(parameters.get("AHRS_EKF_TYPE", 0.0))
+    estimator = _most_common(tables.get("ATT"), "AEKF") or int(parameters.get("AHRS_EKF_TYPE", 0.0))
     chosen = next((name for name in logged if name == _TYPES.get(estimator)), logged[0])
     for name in set(logged) - {chosen}:
         del tables[name]
@@ -160,8 +160,8 @@ def choose_estimator(
     table = tables[chosen]
     if table.has("C"):
         cores = table.stored("C")
-        kept = core if np.any(cores == core) else int(cores.min())
-        tables[chosen] = table.where(cores == kept)
+        selected = core if np.any(cores == core) else int(cores.min())
+        tables[chosen] = table.where(cores == selected)
     elif core == 1:
         tables[chosen] = tables.get(f"{chosen[:3]}6", table)
 
@@ -172,7 +172,7 @@ def _core(tables: Mapping[str, Messages], chosen: str, findings: list[Finding]) 
         table = tables.get(name)
         if table is None or not table.has("PI"):
             continue
-        core = _most(table, "PI")
+        core = _most_common(table, "PI")
         sentence = (
             f"The estimator changed its core ({name}.PI): velocity and position are those of core {core}, "
             "which was not in use for {:.0%} of the log."
@@ -182,7 +182,7 @@ def _core(tables: Mapping[str, Messages], chosen: str, findings: list[Finding]) 
     return 0
 
 
-def _most(table: Messages | None, column: str) -> int:
+def _most_common(table: Messages | None, column: str) -> int:
     if table is None or not table.has(column) or not table.count:
         return 0
     values, counts = np.unique(table.stored(column), return_counts=True)
@@ -195,7 +195,7 @@ LONG_BYTES = 1 << 23
 
 @dataclass(slots=True)
 class MessageReading:
-    """Channels that are being made of messages."""
+    """Channels built from messages."""
 
     tables: Mapping[str, Messages]
     parameters: Mapping[str, float]
@@ -209,7 +209,7 @@ class MessageReading:
     _clocks: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     @classmethod
-    def of(
+    def from_tables(
         cls, tables: Mapping[str, Messages], parameters: Mapping[str, float], findings: list[Finding]
     ) -> MessageReading:
         ends = [
@@ -227,9 +227,9 @@ class MessageReading:
                 continue
             time_s = self.time_s(table)
             chosen = (time_s >= start_s) & (time_s <= end_s)
-            inside = np.flatnonzero(chosen) if chosen.any() else np.searchsorted(time_s, [start_s, start_s])
+            rows = np.flatnonzero(chosen) if chosen.any() else np.searchsorted(time_s, [start_s, start_s])
             # what is in force at the beginning, and what comes next: silence is no end of the log
-            neighbours = [max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, time_s.size - 1)]
+            neighbours = [max(int(rows[0]) - 1, 0), min(int(rows[-1]) + 1, time_s.size - 1)]
             if step_s > 0.0 and time_s.size > 1:
                 every = int(step_s * (time_s.size - 1) / max(float(time_s[-1] - time_s[0]), step_s))
                 chosen &= np.arange(time_s.size) % max(every, 1) == 0
@@ -244,7 +244,7 @@ class MessageReading:
         return table if table is not None and table.clock and table.has(*columns) else None
 
     def forget_clocks(self) -> None:
-        """Let go of stamps that may be wanted by other channels of their messages."""
+        """Drop the cached stamps of messages."""
         self._clocks.clear()
 
     def time_s(self, table: Messages, delay_s: float = 0.0) -> Float[np.ndarray, " n"]:
@@ -273,7 +273,7 @@ class MessageReading:
     ) -> None:
         """Add a channel, when it has a value; its values are made again where they are not kept."""
 
-        def made(inactive: list[str] | None = None) -> Channel:
+        def build(inactive: list[str] | None = None) -> Channel:
             channel = common.logged_channel(
                 name,
                 self.time_s(table, delay_s),
@@ -286,9 +286,9 @@ class MessageReading:
             is_valid = is_setpoint and np.isfinite(channel.values).any()
             return common.silenced(channel, self.end_s - self.start_s, inactive) if is_valid else channel
 
-        channel = made(self.inactive_setpoints)
+        channel = build(self.inactive_setpoints)
         if np.isfinite(channel.values).any():
-            self.put(channel, made)
+            self.put(channel, build)
 
     def put(self, channel: Channel, make: Callable[[], Channel]) -> None:
         """Add a channel, or put it in the place of another."""
@@ -309,18 +309,18 @@ class MessageReading:
         events = self.table("EV", "Id")
         if events is not None:
             events = events.where(np.isin(events.values("Id"), list(LANDED_EVENTS)))
-        return self._stated(table, events, "Id", landed, before=False)
+        return self._state_at(table, events, "Id", landed, initial=False)
 
     def modes_at(
-        self, table: Messages, modes: Sequence[int], *, before: bool = False
+        self, table: Messages, modes: Sequence[int], *, initial: bool = False
     ) -> Bool[np.ndarray, " n"]:
-        """Whether the vehicle was in one of some modes at each message, `before` ahead of the first mode."""
-        return self._stated(table, self.table("MODE", "ModeNum"), "ModeNum", modes, before=before)
+        """Whether the vehicle was in one of some modes at each message, `initial` ahead of the first mode."""
+        return self._state_at(table, self.table("MODE", "ModeNum"), "ModeNum", modes, initial=initial)
 
-    def _stated(
-        self, table: Messages, states: Messages | None, column: str, holding: Sequence[int], *, before: bool
+    def _state_at(
+        self, table: Messages, states: Messages | None, column: str, holding: Sequence[int], *, initial: bool
     ) -> Bool[np.ndarray, " n"]:
         if states is None:
-            return np.full(table.count, before)
-        within = np.isin(states.values(column), holding)
-        return common.held_at(self.time_s(states), within, self.time_s(table), before)
+            return np.full(table.count, initial)
+        holds = np.isin(states.values(column), holding)
+        return common.held_at(self.time_s(states), holds, self.time_s(table), initial)

@@ -149,15 +149,15 @@ def open_parquet(file: Path, max_bytes: int) -> delimited.TableSource:
     if rows > MAX_ROWS:
         remedy = "Cut the log to the manoeuvre of interest."
         raise LogTooLargeError(f"at most {MAX_ROWS} rows", f"'{file.name}' with {rows}", remedy)
-    read = partial(_read, file, frame, schema, rows, max_bytes)
-    return delimited.TableSource(tuple(schema), read, (), metadata.get(METADATA_KEY, ""))
+    read_columns = partial(_read_columns, file, frame, schema, rows, max_bytes)
+    return delimited.TableSource(tuple(schema), read_columns, (), metadata.get(METADATA_KEY, ""))
 
 
 def _unreadable_parquet(file: Path, error: BaseException) -> CorruptLogError:
     return delimited.corrupt_table(file.name, f"a Parquet file that cannot be decoded: {error}", _DAMAGED)
 
 
-def _read(
+def _read_columns(
     file: Path, frame: pl.LazyFrame, schema: pl.Schema, rows: int, max_bytes: int, columns: Sequence[str]
 ) -> common.Columns:
     """Decode columns; those that hold no numbers (lists, structures, bytes) are not touched."""
@@ -165,12 +165,12 @@ def _read(
 
     _check_cells(file, rows * len(columns), max_bytes)
     bases = {column: common.element_of(column, list(schema)) or (column, None) for column in columns}
-    held = [base for base, index in bases.values() if _is_decoded(schema[base], index)]
+    decoded = [base for base, index in bases.values() if _is_decoded(schema[base], index)]
     # the package's own file is known to be whole, and a probe takes a process
     if file.resolve().parent != Path(str(resources.files("eivor.data"))).resolve():
-        request = {"patterns": [exactly(base) for base in dict.fromkeys(held)]}
-        most = PARQUET_DECODER_BYTES + ROW_BYTES * rows
-        decode_in_child(file, _PARQUET_CODE, request, most, "a Parquet file", PARQUET_TIMEOUT_S)
+        request = {"patterns": [exactly(base) for base in dict.fromkeys(decoded)]}
+        limit = PARQUET_DECODER_BYTES + ROW_BYTES * rows
+        decode_in_child(file, _PARQUET_CODE, request, limit, "a Parquet file", PARQUET_TIMEOUT_S)
 
     def convert(base: str, index: int | None) -> tuple[np.ndarray, int, str]:
         kind = schema[base]
@@ -205,14 +205,14 @@ def _holds_lists(kind: pl.DataType) -> bool:
 
 
 def _check_cells(file: Path, cells: int, max_bytes: int) -> None:
-    """Refuse what the numbers of a file would take, before one is decoded."""
+    """Refuse a file whose numbers would exceed the memory limit, before decoding."""
     size = file.stat().st_size
-    most = common.most_cells(size, max_bytes)
-    if cells > most:
+    limit = common.most_cells(size, max_bytes)
+    if cells > limit:
         remedy = "Cut it to the manoeuvre, or raise the limit: read_log(max_bytes=...)."
-        if most < common.MAX_CELLS and most < max_bytes // 8:
+        if limit < common.MAX_CELLS and limit < max_bytes // 8:
             remedy = "Such a file repeats itself, which no flight does; check what wrote it."
-        expected = f"at most {most} numbers in the needed variables of {size} bytes"
+        expected = f"at most {limit} numbers in the needed variables of {size} bytes"
         raise LogTooLargeError(expected, f"'{file.name}' with {cells}", remedy)
 
 
@@ -286,33 +286,33 @@ _NO_NUMBERS = (b"char", b"cell", b"function_handle", b"FileWrapper__")
 
 
 def hdf5_variables(
-    h5py: Any, file: Any, most: int, objects: int, depth: int
+    h5py: Any, file: Any, limit: int, objects: int, depth: int
 ) -> tuple[dict[str, tuple[int, ...]], set[str]]:
     """Shapes of variables by path, and those beyond so many numbers, small ones and whole chunks first."""
     sizes: dict[str, tuple[int, ...]] = {}
     cells: dict[str, int] = {}
-    waiting, seen = [("", file, 1)], 0
+    waiting, visited = [("", file, 1)], 0
     while waiting:
         prefix, group, level = waiting.pop()
         for name in group:
-            seen += 1
-            if seen > objects or level > depth:
+            visited += 1
+            if visited > objects or level > depth:
                 raise ValueError(f"more than {objects} groups and variables, or {depth} in each other")
             if name == "#refs#" or not isinstance(group.get(name, getlink=True), h5py.HardLink):
                 continue
-            item = group[name]
-            if isinstance(item, h5py.Group):
-                waiting.append((f"{prefix}{name}/", item, level + 1))
+            node = group[name]
+            if isinstance(node, h5py.Group):
+                waiting.append((f"{prefix}{name}/", node, level + 1))
                 continue
             # other files are none of this one's business, and one without a space has no shape
-            plain = isinstance(item, h5py.Dataset) and not (item.is_virtual or item.external)
-            if plain and item.dtype.kind in "iufb" and item.size and len(item.shape) in (1, 2):
-                sizes[prefix + name] = tuple(int(size) for size in item.shape)
-                cells[prefix + name] = max(math.prod(item.shape), math.prod(item.chunks or ()))
+            is_plain = isinstance(node, h5py.Dataset) and not (node.is_virtual or node.external)
+            if is_plain and node.dtype.kind in "iufb" and node.size and len(node.shape) in (1, 2):
+                sizes[prefix + name] = tuple(int(size) for size in node.shape)
+                cells[prefix + name] = max(math.prod(node.shape), math.prod(node.chunks or ()))
     large, total = set(), 0
     for path in sorted(cells, key=lambda path: cells[path]):
         total += cells[path]
-        if total > most:
+        if total > limit:
             large.add(path)
     return sizes, large
 

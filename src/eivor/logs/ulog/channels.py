@@ -426,7 +426,7 @@ class _Reading:
             return np.zeros(stamps.size, dtype=np.bool_)
         times = self.clocks[NAVIGATION_STATE.topic]
         known = np.isfinite(times)
-        return common.held_at(times[known], np.isin(stated, states)[known], stamps, before=False)
+        return common.held_at(times[known], np.isin(stated, states)[known], stamps, initial=False)
 
     def put(
         self,
