@@ -154,6 +154,18 @@ def boat_fit():
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
+def test_a_run_that_is_too_short_for_a_frequency_has_none():
+    _, signals, noise, disturbance = boat_case(np.random.default_rng(2), 1200, 0.1)
+    machine, errors = ev.load_machine("boat-yaw"), {"noise": noise, "disturbance": disturbance}
+    columns = machine.simulate(BOAT, signals, seconds=120.0, step_s=0.1, **errors)
+    kept = np.r_[0:30, 80:1200]
+    broken = {name: item[kept] for name, item in columns.items()}
+    fit = ev.identify_flight(ev.recording_from_columns(broken), model=machine)
+    low, high = fit.quantities["g"].interval
+    assert low < BOAT["g"] < high
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_a_machine_is_written_as_equations(boat_fit, tmp_path):
     pytest.importorskip("casadi", reason="CasADi is not installed")
     known = {"priors": {"actuator_lag": (0.35, 0.01), "delay": (0.2, 0.01)}}

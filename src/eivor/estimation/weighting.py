@@ -289,7 +289,7 @@ class WhitenedRows(WeightedRows):
             return
         for psi, fixed, still, moving, X in self._runs(points, basis):
             E = self._run_products(len(points), psi, fixed, still, moving, X)
-            stacked = X.reshape(-1, X.shape[2]) if joint else X
+            stacked = X.reshape(X.shape[0] * X.shape[1], X.shape[2]) if joint else X  # runs may have no bins
             count, cross = len(fixed), stacked @ fixed.T
             power = np.empty((*stacked.shape[:-2], *2 * (count + stacked.shape[-2],)))
             power[..., :count, :count] = fixed @ fixed.T
