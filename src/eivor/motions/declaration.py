@@ -247,34 +247,34 @@ class _Names:
     top: TomlTable
     channels: Mapping[str, MachineChannel]
     units: Mapping[str, Unit]  # Of channels, then of names
-    lets: Mapping[str, str]  # Texts in place of names
+    lets: Mapping[str, str]  # Expression of each name
     actuators: tuple[str, ...]
 
     def expanded(self, text: str) -> str:
-        """The text with names of `[let]` put in place."""
+        """The text with names of `[let]` substituted."""
         if text.strip() in self.lets:
             return self.lets[text.strip()]
 
-        def put_in(name: re.Match[str]) -> str:
-            return _whole(self.lets[name[0]]) if name[0] in self.lets else name[0]
+        def substitute(match: re.Match[str]) -> str:
+            return _parenthesised(self.lets[match[0]]) if match[0] in self.lets else match[0]
 
         parts = re.split(r'("[^"]*")', text)
-        parts[::2] = [_NAME.sub(put_in, part) for part in parts[::2]]
+        parts[::2] = [_NAME.sub(substitute, part) for part in parts[::2]]
         return "".join(parts)
 
     def unit(self, section: TomlTable, key: str, text: str) -> tuple[Unit, bool]:
         """Unit of an expression, with every name in it checked."""
-        expression = _checked(section, key, text)
+        expression = _parsed_checked(section, key, text)
         for name in expression.columns:
             if name not in self.units:
                 expected = f"an expression over {', '.join(self.units)}"
                 remedy = did_you_mean(name, tuple(self.units), "Declare the channel: its unit and role.")
                 raise section.wrong(key, expected, f"{text!r} with '{name}'", remedy)
-        return _unit(section, key, lambda: unit_of(expression, self.units))
+        return _unit_checked(section, key, lambda: unit_of(expression, self.units))
 
 
-def _whole(text: str) -> str:
-    """An expression that stands in another one: in parentheses, unless it is a name or a function."""
+def _parenthesised(text: str) -> str:
+    """An expression ready to stand in another: in parentheses unless it is a name or a function."""
     return text if isinstance(_tree(text), ast.Name | ast.Call | ast.Constant) else f"({text})"
 
 
@@ -282,50 +282,50 @@ def _tree(text: str) -> ast.expr:
     return ast.parse(text.strip(), mode="eval").body
 
 
-def _checked(section: TomlTable, key: str, text: str) -> Expression:
+def _parsed_checked(section: TomlTable, key: str, text: str) -> Expression:
     try:
         return parsed(text)
     except ChannelMapError as error:
         raise section.wrong(key, "an expression", error.received, error.remedy) from None
 
 
-def _unit(section: TomlTable, key: str, make: Any) -> Any:
+def _unit_checked(section: TomlTable, key: str, compute: Any) -> Any:
     try:
-        return make()
+        return compute()
     except UnitError as error:
         received, remedy = error.args
         raise section.wrong(key, "units that fit", received, remedy) from None
 
 
-def _tables(top: TomlTable, name: str, short: str) -> dict[str, TomlTable]:
+def _tables(top: TomlTable, name: str, only_key: str) -> dict[str, TomlTable]:
     """Tables of a section by name; a text stands for a table with one key."""
-    part = top.values.get(name, {})
-    if not isinstance(part, dict):
-        raise top.wrong(name, f"a table [{name}]", repr(part))
-    whole = {key: {short: value} if isinstance(value, str) else value for key, value in part.items()}
-    outer = top.part(name, whole)
-    for key in whole:
+    entries = top.values.get(name, {})
+    if not isinstance(entries, dict):
+        raise top.wrong(name, f"a table [{name}]", repr(entries))
+    tables = {key: {only_key: value} if isinstance(value, str) else value for key, value in entries.items()}
+    parent = top.part(name, tables)
+    for key in tables:
         if not _NAME.fullmatch(key):
-            raise outer.wrong(key, "a name of letters, digits and _", repr(key), "Rename it.")
-    return {key: outer.part(key) for key in whole}
+            raise parent.wrong(key, "a name of letters, digits and _", repr(key), "Rename it.")
+    return {key: parent.part(key) for key in tables}
 
 
 def machine_of(top: TomlTable) -> Machine:
     """Machine of a declaration; its channels are known from then on."""
-    given = top.convert(_File)
+    spec = top.convert(_File)
     channels = {name: _channel(name, section) for name, section in _tables(top, "channels", "unit").items()}
     delays = _actuators(top)
     names = _names(top, channels, tuple(delays))
-    if bool(given.axes) == bool(given.terms):
+    if bool(spec.axes) == bool(spec.terms):
         expected = "one equation by response and [terms], or several by [axes.NAME]"
-        raise top.wrong("terms", expected, "both" if given.axes else "neither", "Give one.")
-    sections = _tables(top, "axes", "response") if given.axes else {given.title or given.name: top}
+        raise top.wrong("terms", expected, "both" if spec.axes else "neither", "Give one.")
+    sections = _tables(top, "axes", "response") if spec.axes else {spec.title or spec.name: top}
     axes = tuple(_axis(name, part, names) for name, part in sections.items())
     terms = {term.name: term for axis in axes for term in axis.terms}
     if len(terms) < sum(len(axis.terms) for axis in axes):
         raise top.wrong("axes", "parameters with names of their own", "one name in two axes", "Rename one.")
     derived = _derived(top, terms)
-    quality = given.quality
+    quality = spec.quality
     headline = tuple(quality.headline) or tuple(t.name for t in terms.values() if not t.is_intercept)
     known = (*terms, *(item.name for item in derived))
     for name in headline:
@@ -346,18 +346,18 @@ def machine_of(top: TomlTable) -> Machine:
             raise top.part("channels").wrong(name, expected, f"'{name}', unused", "Leave it out.")
     logged = tuple(channels.values())
     result = Machine(
-        given.name,
-        given.title or given.name,
+        spec.name,
+        spec.title or spec.name,
         _equation(axes),
         logged,
         axes,
         headline,
-        given.move,
-        given.log or f"Log {', '.join(channel.name for channel in logged)} at 50 Hz or more.",
+        spec.move,
+        spec.log or f"Log {', '.join(channel.name for channel in logged)} at 50 Hz or more.",
         derived,
         (quality.half_width, quality.weak_half_width),
-        _activity(top, given.active, names, axes),
-        _band(top, given.band),
+        _activity(top, spec.active, names, axes),
+        _band(top, spec.band),
         top.values,
         next(iter(delays.values()), ((0.0,), (0.0,))),
     )
@@ -366,47 +366,47 @@ def machine_of(top: TomlTable) -> Machine:
 
 
 def _channel(name: str, section: TomlTable) -> MachineChannel:
-    given = section.convert(_Channel)
-    role = section.choose("role", given.role, ROLES)
-    unit = _unit(section, "unit", lambda: parsed_unit(given.unit))
-    held = role in ("input", "reference") if given.held is None else given.held
-    noise: float | DataSheet | None = given.noise
-    if given.quantisation is not None:
-        if given.noise is not None or not given.quantisation > 0.0:
+    spec = section.convert(_Channel)
+    role = section.choose("role", spec.role, ROLES)
+    unit = _unit_checked(section, "unit", lambda: parsed_unit(spec.unit))
+    held = role in ("input", "reference") if spec.held is None else spec.held
+    noise: float | DataSheet | None = spec.noise
+    if spec.quantisation is not None:
+        if spec.noise is not None or not spec.quantisation > 0.0:
             expected = "noise, or a quantisation above zero"
-            raise section.wrong("quantisation", expected, f"{given.quantisation:g}", "Leave out one of them.")
-        noise = DataSheet(0.0, None, given.quantisation)
-    elif given.noise is not None and not given.noise >= 0.0:
-        raise section.wrong("noise", "a standard deviation of zero or more", f"{given.noise:g}")
-    logged_unit = "" if given.unit == "1" else given.unit
+            raise section.wrong("quantisation", expected, f"{spec.quantisation:g}", "Leave out one of them.")
+        noise = DataSheet(0.0, None, spec.quantisation)
+    elif spec.noise is not None and not spec.noise >= 0.0:
+        raise section.wrong("noise", "a standard deviation of zero or more", f"{spec.noise:g}")
+    logged_unit = "" if spec.unit == "1" else spec.unit
     known = canonical_channel(name)
     if known is not None and known in BUILT_IN and not known.free_unit and parsed_unit(known.unit) != unit:
         expected = f"the unit of the canonical channel {name}, {known.unit or 'a pure number'}"
-        raise section.wrong("unit", expected, f"'{given.unit}'", "Correct it, or rename the channel.")
-    return MachineChannel(name, logged_unit, role, held, given.feedback, noise)
+        raise section.wrong("unit", expected, f"'{spec.unit}'", "Correct it, or rename the channel.")
+    return MachineChannel(name, logged_unit, role, held, spec.feedback, noise)
 
 
 def _names(top: TomlTable, channels: Mapping[str, MachineChannel], actuators: tuple[str, ...]) -> _Names:
-    """Channels and the names of [let], each with its unit; every name of the latter stands for a text."""
+    """Units of channels and of the names of [let], and the expression of each such name."""
     units = {name: parsed_unit(item.unit) for name, item in channels.items()}
     names = _Names(top, channels, units, {}, actuators)
     for name, section in _tables(top, "let", "is").items():
-        given = section.convert(_Let)
+        spec = section.convert(_Let)
         if name in channels:
             raise section.wrong("", "a name that no channel has", f"'{name}'", "Rename it.")
-        unit, scaled = names.unit(section, "is", given.of)
-        unit = _declared_unit(section, given.unit, unit, scaled)
-        lets = {**names.lets, name: names.expanded(given.of)}
-        _checked(section, "is", lets[name])
+        unit, scaled = names.unit(section, "is", spec.of)
+        unit = _declared_unit(section, spec.unit, unit, scaled)
+        lets = {**names.lets, name: names.expanded(spec.of)}
+        _parsed_checked(section, "is", lets[name])
         names = replace(names, units={**names.units, name: unit}, lets=lets)
     return names
 
 
 def _declared_unit(section: TomlTable, text: str | None, unit: Unit, scaled: bool) -> Unit:
-    """Unit of an expression, or the one declared: of a number, or with one as a factor, it may be any."""
+    """Declared unit of an expression, else its own; one with a number as a factor may have any."""
     if text is None:
         return unit
-    declared: Unit = _unit(section, "unit", lambda: parsed_unit(text))
+    declared: Unit = _unit_checked(section, "unit", lambda: parsed_unit(text))
     if declared != unit and not scaled:
         expected = f"the unit that follows, {unit_text(unit) or '1'}"
         raise section.wrong("unit", expected, f"'{text}'", "Leave it out, or correct the expression.")
@@ -416,18 +416,18 @@ def _declared_unit(section: TomlTable, text: str | None, unit: Unit, scaled: boo
 def _actuators(top: TomlTable) -> dict[str, tuple[Any, Any]]:
     results = {}
     for name, section in _tables(top, "actuators", "lag_ms").items():
-        given = section.convert(_Actuator)
-        if given.order != 1:
-            raise section.wrong("order", "an actuator of first order", f"{given.order}", "Give order = 1.")
+        spec = section.convert(_Actuator)
+        if spec.order != 1:
+            raise section.wrong("order", "an actuator of first order", f"{spec.order}", "Give order = 1.")
         for key in ("lag_ms", "delay_ms"):
-            ends = getattr(given, key)
+            ends = getattr(spec, key)
             if len(ends) != 2 or not 0.0 <= ends[0] <= ends[1] <= LONGEST_MS:
                 expected = f"[least, largest] in ms, from 0 to {LONGEST_MS:g}"
                 raise section.wrong(key, expected, f"{ends}", "Such as [10, 300].")
-        (lag, last), (delay, end) = given.lag_ms, given.delay_ms
+        (lag, last), (low, high) = spec.lag_ms, spec.delay_ms
         first = max(lag, 0.005 * last)
         lags = np.geomspace(first, last, LAGS) if last > first else np.array([last])
-        delays = np.linspace(delay, end, DELAYS) if end > delay else np.array([end])
+        delays = np.linspace(low, high, DELAYS) if high > low else np.array([high])
         results[name] = tuple((1e-3 * lags).tolist()), tuple((1e-3 * delays).tolist())
     if len(results) > 1:
         received, part = ", ".join(results), top.part("actuators")
@@ -438,15 +438,15 @@ def _actuators(top: TomlTable) -> dict[str, tuple[Any, Any]]:
 
 def _axis(name: str, section: TomlTable, names: _Names) -> AxisEquation:
     top = names.top
-    given = section.convert(_Axis) if section is not top else top.convert(_File)
-    responses = [given.response] if isinstance(given.response, str) else given.response
+    spec = section.convert(_Axis) if section is not top else top.convert(_File)
+    responses = [spec.response] if isinstance(spec.response, str) else spec.response
     if not any(responses):
         raise section.wrong("response", "an expression, such as ddt(p)", "none", "Add it.")
     units = [names.unit(section, "response", text)[0] for text in responses]
     _refuse_references(section, "response", names, responses)
     if any(unit != units[0] for unit in units):
-        pair = " and ".join(unit_text(unit) or "a pure number" for unit in units)
-        raise section.wrong("response", "candidates of one unit", pair, "Correct one of them.")
+        both = " and ".join(unit_text(unit) or "a pure number" for unit in units)
+        raise section.wrong("response", "candidates of one unit", both, "Correct one of them.")
     expanded = tuple(names.expanded(text) for text in responses)
     terms = tuple(
         _term(key, part, names, expanded, units[0]) for key, part in _tables(section, "terms", "of").items()
@@ -456,61 +456,61 @@ def _axis(name: str, section: TomlTable, names: _Names) -> AxisEquation:
     texts = (*expanded, *(term.of for term in terms))
     columns = dict.fromkeys(column for text in texts for column in parsed(text).columns)
     inputs = tuple(column for column in columns if names.channels[column].role == "input")
-    offered = [item.name for item in names.channels.values() if item.role == "reference"]
-    references = (given.references if isinstance(given, _Axis) else None) or offered
+    known = [item.name for item in names.channels.values() if item.role == "reference"]
+    references = (spec.references if isinstance(spec, _Axis) else None) or known
     for item in references:
-        if item not in offered:
-            remedy = did_you_mean(item, offered, "Give its channel that role.")
-            raise section.wrong("references", f"references out of {', '.join(offered)}", f"'{item}'", remedy)
-    steady = [column for term in terms if not term.behind for column in parsed(term.of).columns]
-    steady += [column for text in expanded for column in parsed(text).columns]
-    moving = " + ".join(f"{term.symbol} {term.of}" for term in terms if term.behind)
+        if item not in known:
+            remedy = did_you_mean(item, known, "Give its channel that role.")
+            raise section.wrong("references", f"references out of {', '.join(known)}", f"'{item}'", remedy)
+    unlagged = [column for term in terms if not term.behind for column in parsed(term.of).columns]
+    unlagged += [column for text in expanded for column in parsed(text).columns]
+    lagged = " + ".join(f"{term.symbol} {term.of}" for term in terms if term.behind)
     unit = unit_text(units[0])
     return AxisEquation(
         name,
         inputs,
         expanded,
         terms,
-        (responses[-1], unit.replace("^2", "²"), "the sum of terms", moving or "nothing behind an actuator"),
+        (responses[-1], unit.replace("^2", "²"), "the sum of terms", lagged or "nothing behind an actuator"),
         tuple(ReferenceSource(item) for item in references),
         state=_state(expanded[-1], names, inputs),
         mirrors=tuple(_mirrors(terms, names, references)),
         instruments_of=_instruments(top, names),
-        averaged=tuple(name for name in inputs if name in steady and names.channels[name].held),
+        averaged=tuple(name for name in inputs if name in unlagged and names.channels[name].held),
     )
 
 
 def _term(
     name: str, section: TomlTable, names: _Names, responses: tuple[str, ...], response_unit: Unit
 ) -> Term:
-    given = section.convert(_Term)
-    unit, _ = names.unit(section, "of", given.of)
-    _refuse_references(section, "of", names, [given.of])
-    text = names.expanded(given.of)
-    expression = _checked(section, "of", text)
+    spec = section.convert(_Term)
+    unit, _ = names.unit(section, "of", spec.of)
+    _refuse_references(section, "of", names, [spec.of])
+    text = names.expanded(spec.of)
+    expression = _parsed_checked(section, "of", text)
     if text in responses:
-        raise section.wrong("of", "a term that is not the response", f"'{given.of}'", "Leave it out.")
+        raise section.wrong("of", "a term that is not the response", f"'{spec.of}'", "Leave it out.")
     inputs = [column for column in expression.columns if names.channels[column].role == "input"]
-    if given.behind:
-        section.choose("behind", given.behind, names.actuators)
+    if spec.behind:
+        section.choose("behind", spec.behind, names.actuators)
         if not inputs:
             expected = "an expression over an input, which the actuator follows,"
             remedy = 'Leave out behind, or give a role = "input".'
-            raise section.wrong("of", expected, f"'{given.of}'", remedy)
+            raise section.wrong("of", expected, f"'{spec.of}'", remedy)
     elif any(
         first in inputs and isinstance(step, InTime) and step.lag_s is None
         for first, step in pairwise(expression.steps)
     ):
-        expected, received = "a derivative of what was measured", f"'{given.of}' of a held input"
+        expected, received = "a derivative of what was measured", f"'{spec.of}' of a held input"
         raise section.wrong("of", expected, received, "Put the term behind an actuator, or leave ddt out.")
-    declared = over(response_unit, unit)
-    if given.unit is not None:
-        written = _unit(section, "unit", lambda: parsed_unit(given.unit or ""))
-        if written != declared:
-            expected = f"the unit that makes the term one of the response, {unit_text(declared) or '1'}"
-            raise section.wrong("unit", expected, f"'{given.unit}'", "Correct it, or the expression.")
-    listed = unit_text(declared) if given.unit is None else given.unit
-    return Term(name, text, given.symbol or name, listed, behind=bool(given.behind))
+    required = over(response_unit, unit)
+    if spec.unit is not None:
+        stated = _unit_checked(section, "unit", lambda: parsed_unit(spec.unit or ""))
+        if stated != required:
+            expected = f"the unit that makes the term one of the response, {unit_text(required) or '1'}"
+            raise section.wrong("unit", expected, f"'{spec.unit}'", "Correct it, or the expression.")
+    unit_words = unit_text(required) if spec.unit is None else spec.unit
+    return Term(name, text, spec.symbol or name, unit_words, behind=bool(spec.behind))
 
 
 def _refuse_references(section: TomlTable, key: str, names: _Names, texts: Sequence[str]) -> None:
@@ -532,12 +532,12 @@ def _state(response: str, names: _Names, inputs: tuple[str, ...]) -> tuple[str, 
     return None
 
 
-#: Functions that are no curves: what moves their argument moves them in proportion.
+#: Functions that are linear in their arguments.
 _LINEAR = {np.add, np.subtract, np.negative}
 
 
 def _mirrors(terms: Sequence[Term], names: _Names, references: Sequence[str]) -> Iterator[Mirror]:
-    """Terms that are curves, each over every reference that has, derived in time, the units of its states."""
+    """Each nonlinear term over every reference whose time derivatives have the units of its states."""
     for term in terms:
         curved = any(isinstance(step, np.ufunc) and step not in _LINEAR for step in term.expression.steps)
         if not curved or term.behind or term.is_intercept:
@@ -569,29 +569,29 @@ def _instruments(top: TomlTable, names: _Names) -> tuple[str, ...]:
 
 def _derived(top: TomlTable, terms: Mapping[str, Term]) -> tuple[Derived, ...]:
     results = []
-    known = {name: term for name, term in terms.items() if not term.is_intercept}
-    units = {name: parsed_unit(term.unit) for name, term in known.items()}
+    parameters = {name: term for name, term in terms.items() if not term.is_intercept}
+    units = {name: parsed_unit(term.unit) for name, term in parameters.items()}
     for name, section in _tables(top, "derived", "is").items():
-        given = section.convert(_Let)
-        expression = _checked(section, "is", given.of)
+        spec = section.convert(_Let)
+        expression = _parsed_checked(section, "is", spec.of)
         for item in expression.columns or ("",):
             if item not in units:
                 remedy = did_you_mean(item, tuple(units), "Name parameters.")
                 expected = f"an expression over the parameters {', '.join(units)}"
-                raise section.wrong("is", expected, f"{given.of!r} with '{item}'", remedy)
+                raise section.wrong("is", expected, f"{spec.of!r} with '{item}'", remedy)
         if name in terms:
             raise section.wrong("", "a name that no parameter has", f"'{name}'", "Rename it.")
-        unit, scaled = _unit(section, "is", lambda e=expression: unit_of(e, units))
-        declared = _declared_unit(section, given.unit, unit, scaled)
-        text = given.unit if given.unit is not None else unit_text(declared)
-        results.append(Derived(name, given.of, given.symbol or given.of, "" if text == "1" else text))
+        unit, scaled = _unit_checked(section, "is", lambda e=expression: unit_of(e, units))
+        unit_of_value = _declared_unit(section, spec.unit, unit, scaled)
+        text = spec.unit if spec.unit is not None else unit_text(unit_of_value)
+        results.append(Derived(name, spec.of, spec.symbol or spec.of, "" if text == "1" else text))
     return tuple(results)
 
 
-def _activity(top: TomlTable, given: _Active | None, names: _Names, axes: Sequence[AxisEquation]) -> Activity:
-    if given is not None:
-        names.unit(top.part("active"), "when", given.when)
-        return Activity(names.expanded(given.when))
+def _activity(top: TomlTable, spec: _Active | None, names: _Names, axes: Sequence[AxisEquation]) -> Activity:
+    if spec is not None:
+        names.unit(top.part("active"), "when", spec.when)
+        return Activity(names.expanded(spec.when))
     speeds = (speed for axis in axes for term in axis.terms for speed in _signs(term.of))
     return Activity("", tuple(dict.fromkeys(speeds)))
 
@@ -603,29 +603,29 @@ def _signs(text: str) -> Iterator[str]:
             yield ast.unparse(node.args[0]).replace("'", '"')
 
 
-def _band(top: TomlTable, given: _Band | None) -> tuple[float, float] | None:
-    if given is None:
+def _band(top: TomlTable, band: _Band | None) -> tuple[float, float] | None:
+    if band is None:
         return None
-    if len(given.hz) != 2 or not 0.0 <= given.hz[0] < given.hz[1]:
-        expected, received = "[low, high] in Hz with low < high", f"{given.hz}"
+    if len(band.hz) != 2 or not 0.0 <= band.hz[0] < band.hz[1]:
+        expected, received = "[low, high] in Hz with low < high", f"{band.hz}"
         raise top.part("band").wrong("hz", expected, received, "Such as [0.05, 5].")
-    return given.hz[0], given.hz[1]
+    return band.hz[0], band.hz[1]
 
 
-def _shown(term: Term) -> str:
+def _signed_term(term: Term) -> str:
     if term.is_intercept:
         return f" + {term.symbol}"
-    of, sign = term.of.strip(), "+"
-    if of.startswith("-") and not isinstance(getattr(_tree(of), "op", None), ast.Add | ast.Sub):
-        of, sign = of[1:].strip(), "-"
-    return f" {sign} {term.symbol} {_whole(of)}"
+    text, sign = term.of.strip(), "+"
+    if text.startswith("-") and not isinstance(getattr(_tree(text), "op", None), ast.Add | ast.Sub):
+        text, sign = text[1:].strip(), "-"
+    return f" {sign} {term.symbol} {_parenthesised(text)}"
 
 
 def _equation(axes: Sequence[AxisEquation]) -> tuple[str, str]:
-    """The equations in one line, and what stands behind the actuator."""
+    """The equations in one line, and the inputs that the actuator lags."""
     lines = []
     for axis in axes:
-        text = "".join(map(_shown, axis.terms)).removeprefix(" + ")
+        text = "".join(map(_signed_term, axis.terms)).removeprefix(" + ")
         intercept = "" if any(term.is_intercept for term in axis.terms) else " + b"
         lines.append(f"{axis.response[-1]} = {text.strip()}{intercept}")
     lagging = sorted({name for axis in axes for t in axis.terms if t.behind for name in parsed(t.of).columns})
@@ -638,17 +638,17 @@ def _equation(axes: Sequence[AxisEquation]) -> tuple[str, str]:
 #: Powers of base units; none of a pure number. Angles are pure numbers, as in SI.
 Unit = Mapping[str, Fraction]
 
-#: What units that are products of others are made of.
-_MADE_OF = {"N": "kg m/s^2", "J": "kg m^2/s^2", "W": "kg m^2/s^3", "Pa": "kg/m/s^2", "Hz": "1/s"}
-_MADE_OF |= {"rad": "", "1": ""}
-_BASE = ("kg", "m", "s", "A", "V", "K", "degC", "us")
-#: Products that are shown by a name.
-_SHOWN = {"kg m/s^2": "N", "kg m^2/s^2": "N m", "kg/s": "N s/m", "kg m^2/s": "N m s"}
+#: Units that are products of base units.
+_DERIVED_UNITS = {"N": "kg m/s^2", "J": "kg m^2/s^2", "W": "kg m^2/s^3", "Pa": "kg/m/s^2", "Hz": "1/s"}
+_DERIVED_UNITS |= {"rad": "", "1": ""}
+_BASE_UNITS = ("kg", "m", "s", "A", "V", "K", "degC", "us")
+#: Products that have a name of their own.
+_NAMED_UNITS = {"kg m/s^2": "N", "kg m^2/s^2": "N m", "kg/s": "N s/m", "kg m^2/s": "N m s"}
 _FACTOR = re.compile(r"\s*([*/·]?)\s*([A-Za-z]+|1)(?:\^(-?\d(?:\.\d+)?|\(\d{1,9}/[1-9]\d{0,8}\))|([²³]))?")
 
 
 class UnitError(ValueError):
-    """Units that do not fit, in words; the second argument says what to do."""
+    """Units that do not fit: what was received, and the remedy."""
 
 
 def parsed_unit(text: str) -> Unit:
@@ -662,53 +662,53 @@ def parsed_unit(text: str) -> Unit:
         sign, name, digits, raised = match.groups()
         power = Fraction((digits or "").strip("()") or {"²": 2, "³": 3}.get(raised, 1))
         power = -power if sign == "/" else power
-        if name in _MADE_OF:
-            powers = dict(_times(powers, parsed_unit(_MADE_OF[name]) if name != "1" else {}, power))
-        elif name in _BASE:
-            powers = dict(_times(powers, {name: Fraction(1)}, power))
+        if name in _DERIVED_UNITS:
+            powers = dict(_product(powers, parsed_unit(_DERIVED_UNITS[name]) if name != "1" else {}, power))
+        elif name in _BASE_UNITS:
+            powers = dict(_product(powers, {name: Fraction(1)}, power))
         else:
             si = UNITS.get("deg" if name.startswith("degree") else name, ("", 0.0))[0]
             remedy = f"Give it in {si}, and convert in a channel map." if si else "Units are those of SI."
-            names = (*_BASE, *_MADE_OF)
+            names = (*_BASE_UNITS, *_DERIVED_UNITS)
             raise UnitError(f"the unit '{text}'", remedy if si else did_you_mean(name, names, remedy))
         offset = match.end()
     return powers
 
 
-def _times(first: Unit, other: Unit, power: int | Fraction = 1) -> Unit:
-    names = dict.fromkeys((*first, *other))
-    result = {name: first.get(name, Fraction(0)) + power * other.get(name, Fraction(0)) for name in names}
+def _product(left: Unit, right: Unit, power: int | Fraction = 1) -> Unit:
+    names = dict.fromkeys((*left, *right))
+    result = {name: left.get(name, Fraction(0)) + power * right.get(name, Fraction(0)) for name in names}
     return {name: value for name, value in result.items() if value}
 
 
 def over(above: Unit, below: Unit) -> Unit:
     """Quotient of two units."""
-    return _times(above, below, -1)
+    return _product(above, below, -1)
 
 
 def unit_text(unit: Unit) -> str:
     """A unit as it is written; empty for a pure number."""
-    order = [name for name in _BASE if name in unit]
+    order = [name for name in _BASE_UNITS if name in unit]
 
     def factor(name: str, power: Fraction) -> str:
         exponent = f"{power}" if power.denominator == 1 else f"({power})"
         return name if power == 1 else f"{name}^{exponent}"
 
-    above = " ".join(factor(name, unit[name]) for name in order if unit[name] > 0)
-    below = "".join(f"/{factor(name, -unit[name])}" for name in order if unit[name] < 0)
-    text = (above or ("1" if below else "")) + below
-    return _SHOWN.get(text, text)
+    numerator = " ".join(factor(name, unit[name]) for name in order if unit[name] > 0)
+    denominator = "".join(f"/{factor(name, -unit[name])}" for name in order if unit[name] < 0)
+    text = (numerator or ("1" if denominator else "")) + denominator
+    return _NAMED_UNITS.get(text, text)
 
 
-_LIKE = {np.add, np.subtract, np.maximum, np.minimum, np.hypot, np.arctan2}
+_EQUAL_UNITS = {np.add, np.subtract, np.maximum, np.minimum, np.hypot, np.arctan2}
 _CONDITIONS = set(CONDITIONS.values())
-_KEEPING = {np.negative, np.absolute}
-_PURE_RESULT = {np.sign, np.arctan2, *_CONDITIONS}
+_SAME_UNIT = {np.negative, np.absolute}
+_UNITLESS = {np.sign, np.arctan2, *_CONDITIONS}
 _LOGICAL = {np.logical_and, np.logical_or, np.logical_not}
 
 
 def unit_of(expression: Expression, units: Mapping[str, Unit]) -> tuple[Unit, bool]:
-    """Unit of an expression over columns of known units, and whether a number is it, or a factor of it."""
+    """Unit of an expression, and whether it is a number or has one as a factor."""
     stack: list[tuple[Unit, float | None]] = []
     scaled = not expression.columns
     for step in expression.steps:
@@ -718,31 +718,31 @@ def unit_of(expression: Expression, units: Mapping[str, Unit]) -> tuple[Unit, bo
             stack.append(({}, step))
         elif isinstance(step, InTime):
             unit, _ = stack.pop()
-            stack.append((_times(unit, {"s": Fraction(1)}, -1) if step.lag_s is None else unit, None))
+            stack.append((_product(unit, {"s": Fraction(1)}, -1) if step.lag_s is None else unit, None))
         else:
             arguments = [stack.pop() for _ in range(step.nin)][::-1]
             scaled |= step in (np.multiply, np.divide) and any(number is not None for _, number in arguments)
             number = None if any(item is None for _, item in arguments) else math.nan
-            stack.append((_result(step, arguments, expression.text), number))
+            stack.append((_result_unit(step, arguments, expression.text), number))
     return stack.pop()[0], scaled
 
 
-def _result(step: np.ufunc, arguments: Sequence[tuple[Unit, float | None]], text: str) -> Unit:
+def _result_unit(step: np.ufunc, arguments: Sequence[tuple[Unit, float | None]], text: str) -> Unit:
     first, last = arguments[0][0], arguments[-1][0]
     if step in (np.multiply, np.divide):
-        return _times(first, last, 1 if step is np.multiply else -1)
+        return _product(first, last, 1 if step is np.multiply else -1)
     exponent = 0.5 if step is np.sqrt else arguments[1][1] if step is np.power else None
     if exponent is not None and math.isfinite(exponent):
         return {name: value * Fraction(exponent).limit_denominator(8) for name, value in first.items()}
-    if step in _LIKE or (step in _CONDITIONS and step not in _LOGICAL):
-        kinds = [unit for unit, number in arguments if number is None]
-        if any(unit != kinds[0] for unit in kinds):
-            pair = " and ".join(unit_text(unit) or "a pure number" for unit in kinds)
-            raise UnitError(f"'{text}', which joins {pair}", "Give both the same unit.")
-        return {} if step in _PURE_RESULT or not kinds else kinds[0]
-    if step in _KEEPING:
+    if step in _EQUAL_UNITS or (step in _CONDITIONS and step not in _LOGICAL):
+        operands = [unit for unit, number in arguments if number is None]
+        if any(unit != operands[0] for unit in operands):
+            both = " and ".join(unit_text(unit) or "a pure number" for unit in operands)
+            raise UnitError(f"'{text}', which joins {both}", "Give both the same unit.")
+        return {} if step in _UNITLESS or not operands else operands[0]
+    if step in _SAME_UNIT:
         return first
-    if step in _PURE_RESULT or step in _LOGICAL:
+    if step in _UNITLESS or step in _LOGICAL:
         return {}
     if any(unit for unit, _ in arguments):
         received = f"'{text}', with {step.__name__} of {unit_text(first or last)}"

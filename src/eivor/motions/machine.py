@@ -45,8 +45,8 @@ LAG_LIMIT = verdict.Limit(identified_within=0.02, identified=0.1, narrower="Move
 AVERAGES = 8
 #: Time constants of the lags of references, of which the strongest is taken [s].
 TIME_CONSTANTS_S = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0)
-#: Instruments beyond the unknowns.
-TO_SPARE = 2
+#: Instruments in excess of the unknowns.
+SPARE_INSTRUMENTS = 2
 #: A machine stands still below this share of its usual speed, or so many times the noise of that.
 STANDSTILL_SHARE, STANDSTILL_NOISES = 0.02, 3.0
 #: Less than this share of a log in use is refused; of the default rule, less than that is weak.
@@ -55,10 +55,10 @@ LEAST_ACTIVE, CLEARLY_ACTIVE = 0.2, 0.7
 STEPS_S = (0.005, 0.1)
 #: The band of rows ends at this share of the rate of the slowest channel, and begins and ends here [Hz].
 BAND_SHARE, BAND_HZ = 0.2, (0.04, 5.0)
-#: Above this share of the rate there is nothing to see.
+#: Highest observable frequency, as a share of the rate.
 NYQUIST_SHARE = 0.5
 #: Lags [s] of a reference's past and future that residuals are compared with; p-values below this answer.
-ANSWER_LAGS_S, ANSWERS_BELOW = (0.06, 0.25, 1.0, 4.0), 1e-4
+ANSWER_LAGS_S, ANSWER_P_VALUE = (0.06, 0.25, 1.0, 4.0), 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,13 +102,13 @@ class Derived:
                 sign = (-1.0) ** (len(expression.steps) - 3)
                 return ratio_quantity(estimate, above, below, self.unit).times(sign)
 
-        def of_vector(values: Float[np.ndarray, " n"]) -> float:
+        def value(values: Float[np.ndarray, " n"]) -> float:
             return float(expression.evaluate(dict(zip(estimate.names, values, strict=True))))
 
-        made = derived_from(of_vector, JointEstimate(estimate.values, estimate.joint_covariance), LEVEL)
-        if not np.isfinite((made.value, made.std_error, *made.interval)).all():
+        result = derived_from(value, JointEstimate(estimate.values, estimate.joint_covariance), LEVEL)
+        if not np.isfinite((result.value, result.std_error, *result.interval)).all():
             return QuantityEstimate(NAN, self.unit, NAN, quantity.NO_INTERVAL)
-        return QuantityEstimate(made.value, self.unit, made.std_error, made.interval)
+        return QuantityEstimate(result.value, self.unit, result.std_error, result.interval)
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Activity:
     def counted(
         self, values: Callable[[str], Float[np.ndarray, " n"]]
     ) -> tuple[Bool[np.ndarray, " n"] | None, str]:
-        """Samples that count, by values of expressions, and the rule; None for all."""
+        """Mask of the samples that count, None for all, and the rule in words."""
         if self.when:
             return values(self.when) > 0.5, f"the condition {self.when}"
         if not self.moving:
@@ -139,9 +139,9 @@ class Activity:
         for text in self.moving:
             speed = np.abs(values(text))
             noise = STANDSTILL_NOISES * white_noise_std(speed[np.isfinite(speed)])
-            least = max(STANDSTILL_SHARE * float(np.nanquantile(speed, 0.95)), noise)
-            counted = counted & (speed > least)
-            rules.append(f"|{text}| above {least:.2g}")
+            threshold = max(STANDSTILL_SHARE * float(np.nanquantile(speed, 0.95)), noise)
+            counted = counted & (speed > threshold)
+            rules.append(f"|{text}| above {threshold:.2g}")
         return np.asarray(counted), f"movement: {' and '.join(rules)}"
 
 
@@ -170,15 +170,15 @@ def _by_order(expression: Expression) -> Expression:
 
 @dataclass(frozen=True)
 class SolvedEquation:
-    """Equation of one axis with numbers: what its highest derivative is."""
+    """Equation of one axis with numbers, solved for its highest derivative."""
 
     response: Expression
     terms: tuple[tuple[float, Expression, bool], ...]  # Parameter, expression, behind the actuator
-    others: tuple[str, ...]  # Channels that may be logged of the response
+    others: tuple[str, ...]  # Response channels that may be logged as well
 
     @cached_property
     def solved(self) -> str:
-        """The derivative that the equation determines: of the state of the response, if that has one."""
+        """Highest derivative of the state of the response, or else of the terms."""
         of_response = [name for name in self.response.columns if name.endswith("'")]
         states = {name.rstrip("'") for name in of_response or self._derived}
         expected, remedy = "one state with a derivative in each equation", "Simulate it by other means."
@@ -192,30 +192,30 @@ class SolvedEquation:
 
     @property
     def needed(self) -> set[str]:
-        """Derivatives that states or other equations give."""
+        """Derivatives that this equation takes as known."""
         return self._derived - {self.solved}
 
     @property
     def lower(self) -> list[str]:
-        """The state and its derivatives below that one."""
+        """The state and its derivatives below the solved one."""
         return [self.solved[: -1 - n] for n in range(self.solved.count("'"))]
 
-    def derivative(self, known: Mapping[str, Any], acting: Mapping[str, Any], push: Any) -> np.ndarray:
-        """Value of it at which response and terms agree: both are affine in it."""
+    def derivative(self, known: Mapping[str, Any], actuated: Mapping[str, Any], push: Any) -> np.ndarray:
+        """Value of the highest derivative, in which the equation is affine."""
 
-        def left(value: float) -> Any:
+        def residual(value: float) -> Any:
             columns = {**known, self.solved: value}
-            lagging = {**columns, **acting}
-            right = sum(p * item.evaluate(lagging if behind else columns) for p, item, behind in self.terms)
+            lagged = {**columns, **actuated}
+            right = sum(p * item.evaluate(lagged if behind else columns) for p, item, behind in self.terms)
             return self.response.evaluate(columns) - right - push
 
-        at_zero = left(0.0)
-        return np.asarray(-at_zero / (left(1.0) - at_zero))
+        at_zero = residual(0.0)
+        return np.asarray(-at_zero / (residual(1.0) - at_zero))
 
 
-def _refuse_missing(what: str, names: list[str], given: Mapping[str, Any]) -> None:
-    missing = [name for name in names if name not in given]
-    checks.require(not missing, f"{what} of {', '.join(names)}", f"none of {', '.join(missing)}")
+def _require_all(kind: str, names: list[str], provided: Mapping[str, Any]) -> None:
+    missing = [name for name in names if name not in provided]
+    checks.require(not missing, f"{kind} of {', '.join(names)}", f"none of {', '.join(missing)}")
 
 
 @dataclass(frozen=True)
@@ -306,8 +306,8 @@ class Machine(DeclaredMotion[LaggedRuns]):
             prediction=Prediction(equation.simple_models, partial(response_predictions, self.axes), ahead),
             excitation=self._excitation,
             findings=self._findings,
-            tracking=self._tracked,
-            closed_loop_record=partial(equation.answers_of, self.axes, self.activity.counted, self.delays_s),
+            tracking=self._tracked_parameter,
+            closed_loop_record=partial(equation.loop_record, self.axes, self.activity.counted, self.delays_s),
             profiled=True,
         )
 
@@ -315,10 +315,10 @@ class Machine(DeclaredMotion[LaggedRuns]):
     def delays_s(self) -> Sequence[float]:
         return self.grids[1] if self.grids else (0.0,)
 
-    def _tracked(
+    def _tracked_parameter(
         self, problem: LaggedRuns, quantities: Mapping[str, Quantity], _options: FlightOptions, name: str
     ) -> quantity.TrackedParameter:
-        """Rows of a parameter, or of the first headline that is driven; the others as the record has them."""
+        """Rows of a parameter, by default the first driven headline; the others as priors of the record."""
         order = sorted(self.terms, key=lambda term: (term.name not in self.headline, not term.behind))
         names = tuple(term.name for term in order if not term.is_intercept)
         name = name or names[0]
@@ -333,25 +333,23 @@ class Machine(DeclaredMotion[LaggedRuns]):
                 value = f"{item.value:.3g} ± {item.half_width:.2g} {term.unit}".strip()
                 words = capitalised(f"{self.quantities[term.name].words} {value}")
                 sentences.append(f"{words}, as the whole record identifies it.")
-        # what stands alone in the equation is the parameter times its number
-        alone = [(known.get(t.name), float(t.expression.evaluate({}))) for t in order if t.is_intercept]
-        level = next((Prior(x * item.mean, abs(x) * item.std) for item, x in alone if item), None)
-        # of several equations the one that it stands in
+        # an intercept term is the parameter times a number
+        intercepts = [(known.get(t.name), float(t.expression.evaluate({}))) for t in order if t.is_intercept]
+        intercept = next((Prior(x * item.mean, abs(x) * item.std) for item, x in intercepts if item), None)
+        # of several equations the one with this parameter
         columns = next(item for item in problem.columns if item.axis == number)
         parameters, still = {term.parameter for term in order}, problem.still
         fixed = [k for k in range(still) if problem.parameters[k] in parameters]
-        kept = [problem.parameters[k] for k in fixed]
-        kept += [item for item in problem.parameters[still:] if item in parameters]
+        used = [problem.parameters[k] for k in fixed]
+        used += [item for item in problem.parameters[still:] if item in parameters]
         columns = replace(columns, fixed=columns.fixed[:, fixed], moved=None)
-        runs = replace(problem, columns=(columns,), parameters=tuple(kept))
-        return quantity.TrackedParameter(name, runs, known, level, tuple(sentences))
+        runs = replace(problem, columns=(columns,), parameters=tuple(used))
+        return quantity.TrackedParameter(name, runs, known, intercept, tuple(sentences))
 
     def solved(self, values: Mapping[str, float]) -> list[SolvedEquation]:
-        """Equations with numbers, each for the highest derivative of its state, one after another."""
-        _refuse_missing(
-            "values", [*(term.name for term in self.terms), *(LAGS if self.has_lag else ())], values
-        )
-        left = [
+        """Equations with numbers, in an order in which each can be solved."""
+        _require_all("values", [*(term.name for term in self.terms), *(LAGS if self.has_lag else ())], values)
+        remaining = [
             SolvedEquation(
                 _by_order(parsed(axis.response[-1])),
                 tuple((values[term.name], _by_order(term.expression), term.behind) for term in axis.terms),
@@ -359,14 +357,14 @@ class Machine(DeclaredMotion[LaggedRuns]):
             )
             for axis in self.axes
         ]
-        known, results = {name for item in left for name in item.lower}, list[SolvedEquation]()
-        while left:
-            ready = [item for item in left if item.needed <= known]
+        known, results = {name for item in remaining for name in item.lower}, list[SolvedEquation]()
+        while remaining:
+            ready = [item for item in remaining if item.needed <= known]
             expected = "equations of which each holds highest derivatives of earlier ones only"
             checks.require(bool(ready), expected, "a circle of them", "Simulate it by other means.")
             results += ready
             known |= {item.solved for item in ready}
-            left = [item for item in left if item not in ready]
+            remaining = [item for item in remaining if item not in ready]
         return results
 
     def simulate(
@@ -416,39 +414,39 @@ class Machine(DeclaredMotion[LaggedRuns]):
         equations = self.solved(values)
         lag_s, delay_s = (values[name] if self.has_lag else 0.0 for name in LAGS)
         longest_s = min(max(LONGEST_STEP_S, 0.1 * lag_s), 4.0 * LONGEST_STEP_S)
-        parts, (lasting_std, lasting_s) = math.ceil(step_s / longest_s - 1e-9), disturbance
-        h, kept = step_s / parts, math.exp(-step_s / parts / lasting_s)
+        substeps, (std, memory_s) = math.ceil(step_s / longest_s - 1e-9), disturbance
+        h, memory = step_s / substeps, math.exp(-step_s / substeps / memory_s)
         state = {name: np.zeros(shape[1]) for e in equations for name in e.lower}
-        given = [item.name for item in self.logged if item.role != "response" and item.name not in state]
-        _refuse_missing("signals", given, signals)
-        late, decay = round(delay_s / h), math.exp(-h / lag_s) if lag_s > 0.0 else 0.0
+        names = [item.name for item in self.logged if item.role != "response" and item.name not in state]
+        _require_all("signals", names, signals)
+        delay_steps, decay = round(delay_s / h), math.exp(-h / lag_s) if lag_s > 0.0 else 0.0
         logged = {item.name: np.zeros(shape) for item in self.logged}
         push = np.zeros((len(equations), shape[1]))
-        series_of, still = [(name, signals[name]) for name in given], np.zeros(shape[1])
+        sources, zero = [(name, signals[name]) for name in names], np.zeros(shape[1])
         queue: list[dict[str, np.ndarray]] = []
-        acting: dict[str, np.ndarray] = {}
+        actuated: dict[str, np.ndarray] = {}
 
-        def slopes(at: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-            known: dict[str, Any] = {**now, **at}
+        def derivatives(stage: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+            known: dict[str, Any] = {**now, **stage}
             for number, item in enumerate(equations):
-                known[item.solved] = item.derivative(known, acting, push[number])
+                known[item.solved] = item.derivative(known, actuated, push[number])
             return known
 
         for k in range(shape[0]):
-            drawn = {name: noises.get(name, 0.0) * rng.standard_normal(shape[1]) for name in logged}
-            measured = {name: state[name] + drawn[name] for name in state if name in logged}
-            now = {n: still + (of(k * step_s, measured) if callable(of) else of[k]) for n, of in series_of}
-            for part in range(parts):
+            errors = {name: noises.get(name, 0.0) * rng.standard_normal(shape[1]) for name in logged}
+            measured = {name: state[name] + errors[name] for name in state if name in logged}
+            now = {n: zero + (u(k * step_s, measured) if callable(u) else u[k]) for n, u in sources}
+            for substep in range(substeps):
                 queue.append({item.name: now[item.name] for item in self.logged if item.role == "input"})
-                driving = queue.pop(0) if len(queue) > late else queue[0]
-                acting = {n: value + decay * (acting.get(n, value) - value) for n, value in driving.items()}
-                push = kept * push + lasting_std * math.sqrt(1.0 - kept**2) * rng.standard_normal(push.shape)
-                first = slopes(state)
-                if not part:
-                    answers = {n: e.response.evaluate(first) for e in equations for n in e.others}
+                delayed = queue.pop(0) if len(queue) > delay_steps else queue[0]
+                actuated = {n: u + decay * (actuated.get(n, u) - u) for n, u in delayed.items()}
+                push = memory * push + std * math.sqrt(1.0 - memory**2) * rng.standard_normal(push.shape)
+                first = derivatives(state)
+                if not substep:
+                    responses = {n: e.response.evaluate(first) for e in equations for n in e.others}
                     for name, series in logged.items():
-                        series[k] = {**now, **state, **answers}[name] + drawn[name]
-                second = slopes({name: value + h * first[f"{name}'"] for name, value in state.items()})
+                        series[k] = {**now, **state, **responses}[name] + errors[name]
+                second = derivatives({name: value + h * first[f"{name}'"] for name, value in state.items()})
                 state = {n: v + 0.5 * h * (first[f"{n}'"] + second[f"{n}'"]) for n, v in state.items()}
         columns = {name: series[:, 0] if shape[1] == 1 else series for name, series in logged.items()}
         return {"time": step_s * np.arange(shape[0]), **columns}
@@ -490,7 +488,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
         searched = sum(len(grid) > 1 for grid in self.grids) if self.has_lag else 0
         unknowns = max(sum(not term.is_intercept for term in axis.terms) for axis in self.axes) + searched
         series = max(len(axis.instruments_of) or len(rule.channels) for axis in self.axes)
-        count = math.ceil((unknowns + TO_SPARE) / series) - 1
+        count = math.ceil((unknowns + SPARE_INSTRUMENTS) / series) - 1
         step_s = max(flight.signals.step_s for flight in flights)
         longest_s = max((run.stop - run.start) * f.signals.step_s for f in flights for run in f.runs)
         lags = [lag for lag in TIME_CONSTANTS_S if 2.0 * step_s <= lag <= 0.1 * longest_s] or [2.0 * step_s]
@@ -498,12 +496,12 @@ class Machine(DeclaredMotion[LaggedRuns]):
         if not count:
             return first
 
-        def lagging(lag_s: float) -> LaggedRuns:
-            made = replace(rule, lags=(count, lag_s))
+        def with_lag(lag_s: float) -> LaggedRuns:
+            lagged = replace(rule, lags=(count, lag_s))
             signals = ((self.axes[item.axis], flights[item.flight].signals) for item in first.columns)
-            return first.with_instruments([self.instruments(*of, made) for of in signals])
+            return first.with_instruments([self.instruments(*of, lagged) for of in signals])
 
-        return max([first, *map(lagging, lags[1:])], key=partial(_strength, _sought(first)))
+        return max([first, *map(with_lag, lags[1:])], key=partial(_strength, _target_basis(first)))
 
     def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> MachineChecks:
         return MachineChecks(
@@ -637,7 +635,7 @@ class MachineChecks(verdict.MotionChecks):
     @property
     def answering(self) -> str:
         """References that answer, by name."""
-        least = ANSWERS_BELOW / max(len(self.answers), 1)
+        least = ANSWER_P_VALUE / max(len(self.answers), 1)
         return ", ".join(name for name, value in self.answers.items() if value < least)
 
 
@@ -655,46 +653,46 @@ ANSWERING = verdict.Rule(
 
 
 def _answers(problem: LaggedRuns, estimate: Estimate, flights: Flights) -> dict[str, float]:
-    """P-values of tests that the residual is none of what the future of a reference adds to its past."""
-    at, theta = estimate.nuisances, estimate.theta
-    bins = problem.bins(at)
+    """P-values of tests that the future of a reference adds nothing to its past for the residual."""
+    values, theta = estimate.nuisances, estimate.theta
+    bins = problem.bins(values)
     blend, power = residual_spectrum(bins, bins.residuals(theta))
 
     def rows(columns: Complex[np.ndarray, "bins k"]) -> Float[np.ndarray, "rows k"]:
-        made = bins.layout.stacked(columns / np.sqrt(power)[:, None])
-        return made / np.maximum(np.linalg.norm(made, axis=0), np.finfo(np.float64).tiny)
+        stacked = bins.layout.stacked(columns / np.sqrt(power)[:, None])
+        return stacked / np.maximum(np.linalg.norm(stacked, axis=0), np.finfo(np.float64).tiny)
 
     searched = [item for item in problem.nuisances if item.searched]
-    slopes = [item.derivative(lambda to: problem.bins(to).regressors @ theta, at) for item in searched]
-    whole = bins.whitened_rows(blend, power)
-    residual = whole[:, 0] - whole[:, 1:] @ theta
+    slopes = [item.derivative(lambda x: problem.bins(x).regressors @ theta, values) for item in searched]
+    whitened = bins.whitened_rows(blend, power)
+    residual = whitened[:, 0] - whitened[:, 1:] @ theta
     X, instruments = rows(np.column_stack([bins.regressors, *slopes])), rows(bins.instruments)
-    Q = _range(instruments)
-    by_estimate = np.linalg.pinv(Q @ (Q.T @ X)).T  # what the estimate takes from the residual
+    Q = _column_space(instruments)
+    projection = np.linalg.pinv(Q @ (Q.T @ X)).T  # The estimate has removed this from the residual
     count, results = residual.size * bins.layout.independent, {}
     for name in flights[0].usable_references:
         past, future = zip(*(_past_and_future(flight.signals, name) for flight in flights), strict=True)
-        known = _range(np.column_stack([rows(problem.spectra(past)), instruments]))
-        added = rows(problem.spectra(future))
-        added -= known @ (known.T @ added)
-        added -= by_estimate @ (X.T @ added)
-        directions = _range(added, 1e-3)
+        explained = _column_space(np.column_stack([rows(problem.spectra(past)), instruments]))
+        gained = rows(problem.spectra(future))
+        gained -= explained @ (explained.T @ gained)
+        gained -= projection @ (X.T @ gained)
+        directions = _column_space(gained, 1e-3)
         share = float(((directions.T @ residual) ** 2).sum() / (residual @ residual or 1.0))
         results[name] = chi_square_tail(count * share, directions.shape[1])
     return results
 
 
 def _past_and_future(signals: Signals, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """A reference behind lags and pairs of lags, with itself, and behind lags of reversed time."""
+    """A reference with its lagged copies, of first and second order, and lagged copies in reversed time."""
     series, step_s = np.nan_to_num(signals.channel(name)), signals.step_s
     lags = [lag_s for lag_s in ANSWER_LAGS_S if lag_s >= 2.0 * step_s]
 
-    def behind(values: Float[np.ndarray, " n"], lag_s: float) -> Float[np.ndarray, " n"]:
+    def lagged(values: Float[np.ndarray, " n"], lag_s: float) -> Float[np.ndarray, " n"]:
         return first_order_lag(values, step_s=step_s, lag_s=lag_s)
 
-    lagging = [behind(series, lag_s) for lag_s in lags]
-    twice = map(behind, lagging, lags)
-    leading = [behind(series[::-1], lag_s)[::-1] for lag_s in lags]
+    lagging = [lagged(series, lag_s) for lag_s in lags]
+    twice = map(lagged, lagging, lags)
+    leading = [lagged(series[::-1], lag_s)[::-1] for lag_s in lags]
     return np.array([series, *lagging, *twice]).T, np.array(leading).T
 
 
@@ -714,27 +712,27 @@ SLOW_SAMPLES = verdict.Rule(
 )
 
 
-def _sought(problem: LaggedRuns) -> Float[np.ndarray, "rows n"]:
-    """Basis of what instruments are to identify: the columns, and the slope over the lag."""
-    middle = {item.name: float(item.grid[(item.grid.size - 1) // 2]) for item in problem.nuisances}
-    bins = problem.bins(middle)
+def _target_basis(problem: LaggedRuns) -> Float[np.ndarray, "rows n"]:
+    """Basis of the regressors and of the derivative with respect to the lag."""
+    nuisances = {item.name: float(item.grid[(item.grid.size - 1) // 2]) for item in problem.nuisances}
+    bins = problem.bins(nuisances)
     columns, response = bins.regressors, bins.responses[:, -1]
     if problem.nuisances[0].searched:
         theta = np.linalg.lstsq(columns, response)[0]
-        slope = problem.nuisances[0].derivative(lambda at: problem.bins(at).regressors @ theta, middle)
+        slope = problem.nuisances[0].derivative(lambda x: problem.bins(x).regressors @ theta, nuisances)
         columns = np.column_stack([columns, slope])
     return _basis(columns)
 
 
-def _strength(sought: Float[np.ndarray, "rows n"], problem: LaggedRuns) -> float:
-    """Least canonical correlation of the instruments with that."""
-    return float(np.linalg.svd(_basis(problem.instrument_bins).T @ sought, compute_uv=False)[-1])
+def _strength(target: Float[np.ndarray, "rows n"], problem: LaggedRuns) -> float:
+    """Least canonical correlation of the instruments with the target basis."""
+    return float(np.linalg.svd(_basis(problem.instrument_bins).T @ target, compute_uv=False)[-1])
 
 
-def _range(rows: Float[np.ndarray, "rows k"], least: float = 1e-6) -> Float[np.ndarray, "rows n"]:
-    """Basis of what columns span, directions below a share of the longest left out."""
+def _column_space(rows: Float[np.ndarray, "rows k"], tolerance: float = 1e-6) -> Float[np.ndarray, "rows n"]:
+    """Orthonormal basis of the column space, without singular values below a share of the largest."""
     U, s, _ = np.linalg.svd(rows, full_matrices=False)
-    return np.asarray(U[:, s > least * s[0]])
+    return np.asarray(U[:, s > tolerance * s[0]])
 
 
 def _basis(matrix: np.ndarray) -> Float[np.ndarray, "rows n"]:
@@ -744,14 +742,14 @@ def _basis(matrix: np.ndarray) -> Float[np.ndarray, "rows n"]:
 
 
 def _intercept(problem: LaggedRuns, estimate: Estimate, axis: int, term: Term) -> QuantityEstimate:
-    """Mean of what the other terms leave, over what the term is; its error has that of the parameters."""
-    left, regressors, theta = [], [], estimate.theta
+    """Mean residual of the other terms over the term's number; its error includes the parameters'."""
+    residuals, regressors, theta = [], [], estimate.theta
     for item in problem.columns:
         if item.axis == axis:
-            whole = item.whole(estimate.nuisances, theta.size)
-            left += item.cut(item.responses[:, -1] - whole @ theta)
-            regressors += item.cut(whole)
-    series, per = np.concatenate(left), float(term.expression.evaluate({}))
+            rows = item.whole(estimate.nuisances, theta.size)
+            residuals += item.cut(item.responses[:, -1] - rows @ theta)
+            regressors += item.cut(rows)
+    series, per = np.concatenate(residuals), float(term.expression.evaluate({}))
     # power of the residual at the lowest frequencies, where the error of a mean is from
     position = np.pi * (np.arange(series.size) + 0.5) / series.size
     waves = [np.sqrt(2.0 / series.size) * np.cos(k * position) for k in range(1, AVERAGES + 1)]

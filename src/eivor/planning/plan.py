@@ -19,7 +19,7 @@ from eivor.flights.quantity import Quantity
 from eivor.flights.result import FlightEstimate
 from eivor.inference.distributions import normal_quantile
 from eivor.inference.verdict import Status
-from eivor.motions.equation import SLOW, Answers, faster
+from eivor.motions.equation import TAIL, LoopResponses, faster
 from eivor.motions.identify import identify_flight
 from eivor.motions.machine import Machine
 from eivor.planning.vehicle import KINDS, STEP_S, TARGETS, FlightLimits, Shape, VehicleGuess, candidates
@@ -361,7 +361,7 @@ class MachinePlan:
     target: str  # A parameter, or "all"
     shape: Shape  # Of the first reference
     references: Mapping[str, Float[np.ndarray, " n"]]  # Every `STEP_S`, about their levels in the log
-    limits: Mapping[str, tuple[float, ...]]  # As in `Answers.sizes`
+    limits: Mapping[str, tuple[float, ...]]  # As in `LoopResponses.sizes`
     predicted: Mapping[str, ExpectedWidth]
 
     @property
@@ -417,7 +417,7 @@ def plan_machine(
 ) -> MachinePlan:
     """References for the smallest joint uncertainty, or the smallest interval of one parameter."""
     try:
-        answers = msgspec.convert(record, Answers)
+        answers = msgspec.convert(record, LoopResponses)
     except msgspec.ValidationError as error:
         expected = "a result of a log whose references move, with prediction.flown in its JSON"
         raise InputError(
@@ -443,7 +443,7 @@ def plan_machine(
     for shapes in chain.from_iterable(by_pace):
         moves = _within(answers, shapes, allowed)
         ends = answers.highest_hz.items()
-        if any(faster(moves[name], answers.step_s, BEYOND * high) > 2.0 * SLOW for name, high in ends):
+        if any(faster(moves[name], answers.step_s, BEYOND * high) > 2.0 * TAIL for name, high in ends):
             continue  # nobody knows how it would answer
         channels = answers.channels(moves)
         errors, volume = answers.expected(machine.axes, counted, channels, values, machine.delays_s)
@@ -468,7 +468,7 @@ def plan_machine(
 
 
 def _within(
-    answers: Answers, shapes: tuple[Shape, ...], limits: Mapping[str, tuple[float, ...]]
+    answers: LoopResponses, shapes: tuple[Shape, ...], limits: Mapping[str, tuple[float, ...]]
 ) -> dict[str, Float[np.ndarray, " n"]]:
     """References as large as limits of channels allow."""
     moves = {}

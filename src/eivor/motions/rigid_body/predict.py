@@ -16,7 +16,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
 from eivor.models.lagged_runs import actuators
 from eivor.models.separable import Values
-from eivor.motions.equation import STAYS, States, Term, parsed
+from eivor.motions.equation import UNCHANGED_WORDS, States, Term, parsed
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import compatibility, dynamics, regression
 from eivor.motions.rigid_body.dynamics import into_body
@@ -282,7 +282,7 @@ def rigid_body_prediction(
             changes = [_distance(quantity, item[-1:, parts], started[None, parts])[0] for item in pair]
             named = "height" if quantity == "position" and placed == [2] else quantity
             left = _distance(quantity, states[model][:, parts], measured[:, parts]).T
-            words = models[model].words if model in models else STAYS
+            words = models[model].words if model in models else UNCHANGED_WORDS
             return motion.HorizonErrors(model, words, named, unit, left, np.stack(changes, axis=1), series)
 
         for quantity in (name for name in PREDICTED if name not in omitted):

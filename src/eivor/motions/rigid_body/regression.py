@@ -17,7 +17,7 @@ from eivor.flights.quantity import QuantityTable
 from eivor.models import lagged_runs, separable
 from eivor.models.regression import Parameter
 from eivor.models.signal_regression import cross_fitted
-from eivor.motions.equation import AxisEquation, Driven, States, Term, evaluated, parsed
+from eivor.motions.equation import AxisEquation, DrivenColumns, States, Term, evaluated, parsed
 from eivor.motions.rates.motion import AXES, PITCH, ROLL
 from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Rows, felt, into_body, rotation
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
@@ -446,7 +446,7 @@ class BodyEquation(AxisEquation):
         rotors, flight = self.rotors.predicted, self.rotors.flight
         if self.turns:
             kept = tuple(item for item in self.terms if item.name not in UNLAGGED)
-            moving = Driven(replace(self, rotors=rotors, terms=kept), rotors.signals)
+            moving = DrivenColumns(replace(self, rotors=rotors, terms=kept), rotors.signals)
             names, measured = (lagged_runs.ACTUATOR_LAG.name, lagged_runs.DELAY.name), flight.input.measured
             lags_s, delays_s = ((0.0,), INSTRUMENT_DELAYS_S) if measured else (INSTRUMENT_LAGS_S, (0.0,))
             columns = [moving(dict(zip(names, at, strict=True))) for at in product(lags_s, delays_s)]
@@ -481,7 +481,7 @@ def equations_of(
 
 def body_equation(axis_columns: lagged_runs.AxisColumns) -> BodyEquation:
     """Equation that columns are of."""
-    return cast("BodyEquation", cast("Driven", axis_columns.moving).axis)
+    return cast("BodyEquation", cast("DrivenColumns", axis_columns.moving).axis)
 
 
 def usual_state(flights: tuple[PreparedFlight, ...]) -> float:

@@ -27,7 +27,7 @@ from eivor.models import lagged_runs
 from eivor.models.lagged_runs import ACTUATOR_LAG, LaggedRuns
 from eivor.models.regression import Parameter
 from eivor.models.separable import Values, WarmStart
-from eivor.motions.equation import Driven, Term
+from eivor.motions.equation import DrivenColumns, Term
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import regression as terms
 from eivor.motions.rigid_body import vehicle as vehicles
@@ -140,7 +140,7 @@ def with_common_rotor_inertia(
         ]
         axis = replace(axis, terms=tuple(linked), rotors=rotors)
         moved = tuple(stays[problem.still :].index(term.parameter) for term in linked if term.behind)
-        columns.append(replace(column, moving=Driven(axis, rotors.signals), moved=moved))
+        columns.append(replace(column, moving=DrivenColumns(axis, rotors.signals), moved=moved))
     noisier = problem.noisier
     if noisier is not None:
         noisier = with_common_rotor_inertia(noisier, ratios, hover=hover)
