@@ -24,8 +24,8 @@ from eivor.flights.grid import (
     airborne_by_log,
     command_on_grid,
     common_grid,
-    curve_between,
-    line_between,
+    cubic,
+    linear,
     on_grid,
 )
 from eivor.flights.options import FlightOptions
@@ -669,5 +669,5 @@ AT = np.arange(1.0, 19.0, 0.01)
 def test_numbers_near_the_largest_give_numbers():
     values = 1e308 * (-1.0) ** np.arange(STAMPS.size)
     with np.errstate(all="ignore"):
-        between, line = curve_between(STAMPS, values, AT), line_between(STAMPS, values, AT)
+        between, line = cubic(STAMPS, values, AT), linear(STAMPS, values, AT)
     assert np.array_equal(np.isfinite(between), np.isfinite(line))

@@ -11,7 +11,7 @@ import pytest
 from flight_logs import FRICTION, GAIN, LAG_S, changed, flown
 
 import eivor as ev
-from eivor.flights.lag_prior import LagPrior, lag_quantities, within_sum
+from eivor.flights.lag_prior import LagPrior, lag_quantities, limited_by_sum
 from eivor.flights.quantity import QuantityEstimate
 from eivor.motions.rates.motion import Rates
 from logs.dataflash_writer import commands
@@ -61,9 +61,9 @@ def test_bounds_intersect_what_the_flight_says():
 def test_what_was_given_ends_the_interval_only_where_the_flight_agrees():
     flight = QuantityEstimate(0.07, "s", 0.004, (0.062, 0.078))
     agreed, doubtful = (LagPrior(ev.Prior(mean, 0.005), flight, strong=True) for mean in (0.066, 0.054))
-    assert agreed.within((0.055, 0.085), 0.069) == pytest.approx((0.0562, 0.0758))
+    assert agreed.limited((0.055, 0.085), 0.069) == pytest.approx((0.0562, 0.0758))
     # a lag that was given 20 ms short ended the interval at its value: none of 7 flights was covered
-    assert doubtful.within((0.053, 0.069), 0.061) == (0.053, 0.07)
+    assert doubtful.limited((0.053, 0.069), 0.061) == (0.053, 0.07)
 
 
 @pytest.mark.thorough
@@ -84,10 +84,10 @@ def test_no_lag_is_below_zero_and_its_parts_end_where_it_does():
     assert (lags["actuator_lag"].value, lags["effective_lag"].lowest) == (0.0, 0.0)
     longer = lags | {"actuator_lag": replace(lags["actuator_lag"], interval=(0.0, 9.0))}
     high = lags["effective_lag"].interval[1]
-    assert within_sum(longer)["actuator_lag"].interval == (0.0, high)
-    assert within_sum(longer, unsplit=True)["delay"].interval[0] == 0.0
+    assert limited_by_sum(longer)["actuator_lag"].interval == (0.0, high)
+    assert limited_by_sum(longer, unsplit=True)["delay"].interval[0] == 0.0
     late = {name: replace(item, lowest=-np.inf) for name, item in longer.items()}
-    assert within_sum(late) == late  # telemetry may come before its command
+    assert limited_by_sum(late) == late  # telemetry may come before its command
     assert {"delay", "effective_lag"} <= {*Rates.parts[0].quantities}
 
 

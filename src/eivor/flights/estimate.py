@@ -49,39 +49,39 @@ LINE_SHARE = 0.995
 LINE_BINS = 3
 
 
-def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, method: Method) -> Instruments:
-    """Instruments of a method: those that were asked for, else its natural ones."""
+def instruments(flights: tuple[PreparedFlight, ...], options: FlightOptions, method: Method) -> Instruments:
+    """Instruments of a method: the requested ones, else its natural ones."""
     method = method.of_flights
     if not method.needs_instruments:
         return Instruments(NoInstruments())
-    wanted = options.instruments or (method.natural_instruments,)
-    if wanted == ("lags",):
+    requested = options.instruments or (method.natural_instruments,)
+    if requested == ("lags",):
         return Instruments(separable.LaggedInputs(method.first_past_input), exogenous=False, past_inputs=True)
-    references = [reference for flight in flying for reference in flight.references]
-    first, *others = (flight.usable_references for flight in flying)
+    references = [reference for flight in flights for reference in flight.references]
+    first, *others = (flight.usable_references for flight in flights)
     shared = tuple(name for name in first if all(name in names for names in others))
     if shared:
-        clean = all(reference.exogenous for reference in references if reference.usable)
-        return Instruments(separable.LaggedReferences(shared), exogenous=clean, names=shared)
+        exogenous = all(reference.exogenous for reference in references if reference.usable)
+        return Instruments(separable.LaggedReferences(shared), exogenous=exogenous, names=shared)
     remarks = {f"{reference.name}: {reference.remark}" for reference in references if not reference.usable}
     missing = "; ".join(sorted(remarks)) or "the log has none"
     constant = any(reference.remark == CONSTANT for reference in references)
     return Instruments(NoInstruments(), missing=missing, constant=constant)
 
 
-def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ...]) -> float:
-    """The frequency of references that have only one, all the same; zero for others [Hz]."""
+def single_frequency_hz(flights: tuple[PreparedFlight, ...], names: tuple[str, ...]) -> float:
+    """Common frequency of references with one spectral line each; zero for others [Hz]."""
     peaks: list[float] = []
-    for flight in flying:
+    for flight in flights:
         longest = max(flight.runs, key=lambda run: run.stop - run.start)
         width = 1.0 / ((longest.stop - longest.start) * flight.signals.step_s)
         for name in names:
             values = flight.signals.channel(name)[longest]
             power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(values.size))) ** 2
             peak = int(np.argmax(power))
-            near = power[max(peak - LINE_BINS, 0) : peak + LINE_BINS + 1].sum()
-            first = (peaks or [peak * width])[0]
-            if not near >= LINE_SHARE * power.sum() or abs(peak * width - first) > width:
+            in_peak = power[max(peak - LINE_BINS, 0) : peak + LINE_BINS + 1].sum()
+            first_hz = (peaks or [peak * width])[0]
+            if not in_peak >= LINE_SHARE * power.sum() or abs(peak * width - first_hz) > width:
                 return 0.0
             peaks.append(peak * width)
     return float(np.mean(peaks)) if peaks else 0.0
@@ -89,20 +89,20 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
 
 # -- Stages of an identification --
 
-#: What other motions say of the lag, when it is requested.
+#: Lags by other motions, estimated when they are requested.
 LagMeasurements = Callable[[], tuple[LagPrior, ...]]
 
 
 @dataclass(frozen=True)
 class FlightState:
-    """What the stages of an identification read and make."""
+    """Inputs and results of the stages of an identification."""
 
     motion: Motion[Any]
     prepared: tuple[PreparedFlight, ...]
     options: FlightOptions
     lag_measurements: LagMeasurements = tuple
     agreement: OverIdentification | None = None  # Of the flights of a pool; else that of the estimate counts
-    hopeless: str = ""  # Why a coarse search says that an estimate is not worth its time
+    skip_reason: str = ""  # Reason to skip the estimate, by a coarse search
     # Made by the stages, in this order; None until then
     instruments: Instruments | Any = None
     method: Method | Any = None
@@ -115,7 +115,7 @@ class FlightState:
     fit: outcome.Fit | Any = None
 
     @property
-    def flying(self) -> tuple[PreparedFlight, ...]:
+    def flights(self) -> tuple[PreparedFlight, ...]:
         """Flights with runs, without what no run needs."""
         return tuple(flight.shortened for flight in self.prepared if flight.runs)
 
@@ -123,27 +123,27 @@ class FlightState:
 def choose_instruments(state: FlightState) -> FlightState:
     """The method that was requested, and its instruments; without any the direct method of the motion."""
     method, whitened = by_name(state.options.method), state.motion.abilities.whitened
-    chosen = instruments(state.flying, state.options, method)
-    if method.of_flights.needs_instruments and chosen.direct:
+    selected = instruments(state.flights, state.options, method)
+    if method.of_flights.needs_instruments and selected.direct:
         method = by_name("whitened_least_squares" if whitened else "least_squares")
     elif whitened and method.name == "total_least_squares" and isinstance(method, LinearMethod):
         method = replace(method, row_weighting=SpectralWhitening())
-    return replace(state, instruments=chosen, method=method)
+    return replace(state, instruments=selected, method=method)
 
 
 def pose_problem(state: FlightState) -> FlightState:
     """The problem of the flights, with sensors corrected where they disagree."""
-    motion, flying = state.motion, state.flying
+    motion, flights = state.motion, state.flights
     # undeclared noises are refused of channels that a method takes out: those that are columns twice
-    takes_out = state.method.of_flights.takes_out_own_noise
-    by_input = takes_out or (state.instruments.past_inputs and state.method.of_flights.first_past_input == 0)
-    needed = [
-        (f.noise, (*(f.states if takes_out else ()), *(f.driving if by_input and f.input.measured else ())))
-        for f in flying
+    regressors = state.method.of_flights.takes_out_own_noise
+    inputs = regressors or (state.instruments.past_inputs and state.method.of_flights.first_past_input == 0)
+    noises = [
+        (f.noise, (*(f.states if regressors else ()), *(f.driving if inputs and f.input.measured else ())))
+        for f in flights
     ]
-    check_declared(needed, state.method.name)
+    check_declared(noises, state.method.name)
     state = replace(state, problem=posed(state))
-    sensors = motion.abilities.sensors.agreement(state.problem, flying)
+    sensors = motion.abilities.sensors.agreement(state.problem, flights)
     if sensors is None or not sensors.significant:
         return replace(state, sensors=sensors)
     corrected = motion.abilities.sensors.corrected(state.prepared, sensors, state.options)
@@ -153,12 +153,12 @@ def pose_problem(state: FlightState) -> FlightState:
 
 def posed(state: FlightState) -> separable.SeparableProblem:
     """Problem of the order that was requested."""
-    problem = state.motion.problem(state.flying, state.instruments.rule)
+    problem = state.motion.problem(state.flights, state.instruments.rule)
     return problem.with_nuisances(of_order(problem.nuisances, state.options.order))
 
 
 def estimate_parameters(state: FlightState) -> FlightState:
-    """The estimate, and the problem with what the motion finds out by estimates."""
+    """The estimate, and the problem as the motion refines it by estimates."""
     solve, refined = partial(identify, method=state.method), state.motion.abilities.refined
     try:
         problem, estimate = refined(state.problem, solve, state.options)
@@ -174,8 +174,8 @@ def estimate_parameters(state: FlightState) -> FlightState:
 def without_references(state: FlightState, error: errors.EstimationError) -> FlightState:
     """The estimate by the direct method of the motion, where references are too few for its unknowns."""
     missing = f"{', '.join(state.instruments.names)} alone cannot move all that the equations have"
-    chosen, method = Instruments(NoInstruments(), missing=missing), by_name("whitened_least_squares")
-    state = replace(state, instruments=chosen, method=method)
+    no_instruments, method = Instruments(NoInstruments(), missing=missing), by_name("whitened_least_squares")
+    state = replace(state, instruments=no_instruments, method=method)
     try:
         return estimate_parameters(replace(state, problem=posed(state)))
     except errors.CollinearError:
@@ -183,24 +183,24 @@ def without_references(state: FlightState, error: errors.EstimationError) -> Fli
 
 
 def apply_lag_prior(state: FlightState) -> FlightState:
-    """The same with what is known of the lag from elsewhere, where something is."""
+    """The estimate with prior knowledge of the lag, where there is any."""
     problem, estimate = state.problem, state.estimate
     prior, findings = known_lag(state)
     state = replace(state, lag_prior=prior, findings=findings)
     if prior is not None and not prior.closer_alone:
-        alone = None if estimate is None else (problem, estimate)
+        unpriored = None if estimate is None else (problem, estimate)
         problem = lag_prior.with_lag_prior(problem, prior.for_the_log)
-        state = estimate_parameters(replace(state, problem=problem, without_prior=alone))
+        state = estimate_parameters(replace(state, problem=problem, without_prior=unpriored))
     return replace(state, prepared=state.motion.abilities.refined_flights(state.prepared, state.problem))
 
 
 def minimise_output_error(state: FlightState) -> FlightState:
-    """The estimate whose predictions leave least, where it was requested, with the rows at its values."""
+    """The output-error estimate, where it was requested, with the rows at its values."""
     refined = state.motion.abilities.prediction.output_error
     if refined is None or not isinstance(by_name(state.options.method), OutputError):
         return state
     first, problem = state.estimate, state.problem
-    result, findings = refined(problem, first, state.flying)
+    result, findings = refined(problem, first, state.flights)
     known = tuple(item.known_at(result.nuisances[item.name]) for item in problem.nuisances)
     start = separable.WarmStart(result.theta, result.nuisances)
     rows = identify(replace(cast("Any", problem), nuisances=known, warm_start=start), state.method.of_flights)
@@ -220,18 +220,18 @@ def minimise_output_error(state: FlightState) -> FlightState:
 
 
 def beyond_errors(first: Estimate, refined: Estimate) -> Float[np.ndarray, " n"]:
-    """What the first values differ by, less what the errors of both make of it (Efron and Morris 1973)."""
-    moved = first.values - refined.values
+    """Shift of the values, shrunk by the share that their errors explain (Efron and Morris 1973)."""
+    shift = first.values - refined.values
     variances = sum(np.diag(item.joint_covariance.matrix) for item in (first, refined))
-    noise = np.divide(variances, moved**2, out=np.ones_like(moved), where=moved != 0.0)
-    return np.asarray(moved * np.maximum(1.0 - noise, 0.0))
+    noise = np.divide(variances, shift**2, out=np.ones_like(shift), where=shift != 0.0)
+    return np.asarray(shift * np.maximum(1.0 - noise, 0.0))
 
 
 def diagnose_fit(state: FlightState) -> FlightState:
     """The fit, with diagnostics of the estimate, of its residual and of the motion."""
     checks = outcome.fit_diagnostics(state.motion.traces(state.problem, state.estimate), state.estimate)
     if state.without_prior is not None:
-        # what was given is compared with the flight by itself, and is nothing that instruments say
+        # the prior is compared with the estimate without it, not by over-identification
         checks = replace(checks, agreement=diagnose(state.without_prior[1]).over_identification)
     if state.agreement is not None and checks.agreement is not None:
         checks = replace(checks, agreement=state.agreement)
@@ -243,7 +243,7 @@ def diagnose_fit(state: FlightState) -> FlightState:
         state.lag_prior,
         sensors=state.sensors,
         without_prior=state.without_prior,
-        motion_checks=state.motion.checks(state.problem, state.estimate, state.flying),
+        motion_checks=state.motion.checks(state.problem, state.estimate, state.flights),
     )
     return replace(state, fit=fit)
 
@@ -255,15 +255,15 @@ def build_confidence_sets(state: FlightState) -> FlightState:
     linear = [parameter.name for parameter in state.estimate.rows.parameters]
     maker = ProfileSets(state.problem, state.estimate)
     headline = [name for name in state.motion.quantities.headline if name in linear]
-    known = {name: maker.of_parameter(name) for name in headline}
+    by_parameter = {name: maker.of_parameter(name) for name in headline}
     sums = lag_prior.LAG_SUMS.items()
     lags = {name: maker.of_nuisances(parts) for name, parts in sums if name in state.motion.quantities}
     weak = any(not F >= STRONG_FIRST_STAGE for F in state.fit.checks.first_stage.values())
-    if weak or any(item is not None and not item.profile.is_bounded for item in known.values()):
-        known |= {name: maker.of_parameter(name) for name in linear if name not in known} | lags
-    sets = {name: item for name, item in known.items() if item is not None}
+    if weak or any(item is not None and not item.profile.is_bounded for item in by_parameter.values()):
+        by_parameter |= {name: maker.of_parameter(name) for name in linear if name not in by_parameter} | lags
+    sets = {name: item for name, item in by_parameter.items() if item is not None}
     profiled = linear if state.motion.abilities.profiled else ()
-    lags |= {name: known.get(name) or maker.of_parameter(name) for name in profiled}
+    lags |= {name: by_parameter.get(name) or maker.of_parameter(name) for name in profiled}
     profiles = {name: item.profile for name, item in lags.items() if item is not None}
     for name in profiled:
         value = state.estimate.parameters[name]
@@ -293,14 +293,14 @@ STAGES = (
 
 def estimated(state: FlightState, progress: Progress = no_stage_callback) -> FlightEstimate:
     """Result of prepared flights: one set of parameters by the `STAGES`, or why there is none."""
-    words, flying = state.motion.words, state.flying
-    if not flying:
+    words, flights = state.motion.words, state.flights
+    if not flights:
         return without_fit(state, *_unused(state))
-    if all(flight.constant_input for flight in flying):
+    if all(flight.constant_input for flight in flights):
         sentence = "The input is constant: it carries no information about the vehicle."
         return without_fit(state, sentence, words.fly)
-    if state.hopeless:
-        return without_fit(state, state.hopeless, words.fly)
+    if state.skip_reason:
+        return without_fit(state, state.skip_reason, words.fly)
     try:
         for stage in STAGES if state.fit is None else STAGES[STAGES.index(diagnose_fit) + 1 :]:
             if stage is diagnose_fit:
@@ -312,46 +312,46 @@ def estimated(state: FlightState, progress: Progress = no_stage_callback) -> Fli
 
 
 def known_lag(state: FlightState) -> tuple[LagPrior | None, tuple[Finding, ...]]:
-    """What is known of the lag beside the motion: what a user gave, else what the log gives most closely."""
-    flying, options, problem, alone = state.flying, state.options, state.problem, state.estimate
-    slack_s = max(flight.command_slack_s for flight in flying)
+    """Prior knowledge of the lag: the user's, else the most precise measurement of the log."""
+    flights, options, problem, unpriored = state.flights, state.options, state.problem, state.estimate
+    slack_s = max(flight.command_slack_s for flight in flights)
     if options.lag is not None:
         if not lag_prior.lag_searched(problem):
             received = "one whose actuators' state was measured, or a motion without a lag"
             remedy = "Leave out what is known of the lag, or name the command with --input."
             raise errors.UsageError("a flight whose actuators' lag is searched for", received, remedy)
-        if alone is None:
+        if unpriored is None:
             return LagPrior(options.lag, slack_s=slack_s), ()
-        strong = bool(np.all(alone.first_stage >= STRONG_FIRST_STAGE))
-        alone_lag = lag_prior.lag_quantities(problem, alone)[lag_prior.EFFECTIVE_LAG]
-        return LagPrior(options.lag, alone_lag, slack_s, strong=strong), ()
-    if alone is None or not lag_prior.lag_searched(problem):
+        strong = bool(np.all(unpriored.first_stage >= STRONG_FIRST_STAGE))
+        own_lag = lag_prior.lag_quantities(problem, unpriored)[lag_prior.EFFECTIVE_LAG]
+        return LagPrior(options.lag, own_lag, slack_s, strong=strong), ()
+    if unpriored is None or not lag_prior.lag_searched(problem):
         return None, ()
-    by_telemetry = lag_prior.telemetry_lag(flying, state.motion.channels.telemetry)
+    by_telemetry = lag_prior.telemetry_lag(flights, state.motion.channels.telemetry)
     measurements = [item for item in (by_telemetry, *state.lag_measurements()) if item is not None]
-    alone_lag = lag_prior.lag_quantities(problem, alone)[lag_prior.EFFECTIVE_LAG]
-    noticed: list[Finding] = []
+    own_lag = lag_prior.lag_quantities(problem, unpriored)[lag_prior.EFFECTIVE_LAG]
+    findings: list[Finding] = []
     for item in sorted(measurements, key=lambda entry: entry.std):
         # telemetry answers the commands as they were logged: what these are late by is in both lags
-        result = replace(item, alone=alone_lag, slack_s=0.0 if item is by_telemetry else slack_s)
+        result = replace(item, alone=own_lag, slack_s=0.0 if item is by_telemetry else slack_s)
         if result.p_value >= SIGNIFICANT:
-            return result, tuple(noticed)
+            return result, tuple(findings)
         sentence = f"The lag by {item.source} is not used: {result.sentence}."
-        noticed.append(Finding(f"{item.source}_contradicts", sentence))
-    return None, tuple(noticed)
+        findings.append(Finding(f"{item.source}_contradicts", sentence))
+    return None, tuple(findings)
 
 
 def verdict_inputs(state: FlightState, fit: outcome.Fit) -> VerdictInputs:
-    """What a verdict needs to know of flights beside the quantities."""
-    flying, chosen, covariance = state.flying, state.instruments, fit.estimate.covariance
-    # share of the variance of each joint parameter that what is known beforehand makes
-    known = fit.estimate.prior_rows() @ covariance
-    shares = np.clip((known**2).sum(axis=0) / np.diag(covariance), 0.0, 1.0) if known.size else ()
+    """Inputs of a verdict other than the quantities."""
+    flights, instruments_used, covariance = state.flights, state.instruments, fit.estimate.covariance
+    # share of the variance of each joint parameter that comes from priors
+    prior_rows = fit.estimate.prior_rows() @ covariance
+    shares = np.clip((prior_rows**2).sum(axis=0) / np.diag(covariance), 0.0, 1.0) if prior_rows.size else ()
     return VerdictInputs(
-        **_of_flights(flying),
-        instruments=chosen,
-        excitation=state.motion.abilities.excitation(flying),
-        single_frequency_hz=single_frequency_hz(flying, chosen.names),
+        **_of_flights(flights),
+        instruments=instruments_used,
+        excitation=state.motion.abilities.excitation(flights),
+        single_frequency_hz=single_frequency_hz(flights, instruments_used.names),
         checks=fit.motion_checks,
         periodicity=fit.checks.periodicity,
         lag_prior=fit.lag_prior,
@@ -360,14 +360,14 @@ def verdict_inputs(state: FlightState, fit: outcome.Fit) -> VerdictInputs:
     )
 
 
-def _of_flights(flying: tuple[PreparedFlight, ...]) -> dict[str, Any]:
-    """Inputs of a verdict that flights have without an estimate."""
-    measured = [[rate for role, rate in f.rates_hz.items() if role != COMMAND] for f in flying]
+def _of_flights(flights: tuple[PreparedFlight, ...]) -> dict[str, Any]:
+    """Inputs of a verdict that need no estimate."""
+    measured = [[rate for role, rate in f.rates_hz.items() if role != COMMAND] for f in flights]
     return {
-        "flights": flying,
-        "command_rate_hz": min(flight.rates_hz[COMMAND] for flight in flying),
+        "flights": flights,
+        "command_rate_hz": min(flight.rates_hz[COMMAND] for flight in flights),
         "response_rate_hz": min(map(max, measured)),
-        "used_s": sum(flight.used_s for flight in flying),
+        "used_s": sum(flight.used_s for flight in flights),
     }
 
 
@@ -400,18 +400,18 @@ def with_fit(state: FlightState, fit: outcome.Fit, inputs: VerdictInputs) -> Fli
     estimates = with_systematic_uncertainties(motion, estimates, parts)
     if fit.lag_prior is not None and lag_prior.EFFECTIVE_LAG in estimates:
         lag = estimates[lag_prior.EFFECTIVE_LAG]
-        within = fit.lag_prior.within(lag.interval, lag.value)
-        estimates |= {lag_prior.EFFECTIVE_LAG: replace(lag, interval=within)}
+        interval = fit.lag_prior.limited(lag.interval, lag.value)
+        estimates |= {lag_prior.EFFECTIVE_LAG: replace(lag, interval=interval)}
     # of a lag at its least, a delay makes up for the rest, whatever the split
     lags = [item for item in best.profiles if item.nuisance.name == ACTUATOR_LAG.name]
-    least = (
+    unsplit = (
         any(best.nuisances[item.nuisance.name] <= item.grid[0] for item in lags) and DELAY.name in searched
     )
-    estimates = lag_prior.within_sum(estimates, unsplit=least)
+    estimates = lag_prior.limited_by_sum(estimates, unsplit=unsplit)
     by_rules = reasons_by_quantity(motion.rules, replace(inputs, quantities=estimates), wording)
     # reasons of the estimate are each quantity's
     reasons = {name: [*by_rule, *best.reasons] for name, by_rule in by_rules.items()}
-    against = dict.fromkeys(reason for name in wording.headline for reason in reasons.get(name, ()))
+    deciding = dict.fromkeys(reason for name in wording.headline for reason in reasons.get(name, ()))
     quantities = {
         name: estimates[name].judged(verdict(reasons[name]), spec)
         for name, spec in wording.items()
@@ -428,7 +428,7 @@ def with_fit(state: FlightState, fit: outcome.Fit, inputs: VerdictInputs) -> Fli
         noises = "; ".join(noise.sentence for noise in best.noises)
         findings.append(Finding("fitted_noise", f"Noises that fit what the estimate leaves: {noises}."))
     findings += motion.abilities.findings(prepared, quantities)
-    overall = verdict(list(against))
+    overall = verdict(list(deciding))
     return FlightEstimate(motion, options, prepared, fit, overall, quantities, numbers, tuple(findings))
 
 
@@ -447,7 +447,7 @@ def with_systematic_uncertainties(
     estimates: Mapping[str, QuantityEstimate],
     parts: Mapping[str, tuple[quantity.SystematicUncertainty, ...]],
 ) -> dict[str, QuantityEstimate]:
-    """Quantities with their systematic parts; those that follow from a headline that widens follow it."""
+    """Quantities with their systematic parts; reciprocals of a widened headline widen as well."""
     quantities = dict(estimates)
     for name, part in parts.items():
         interval = widened(estimates[name].interval, estimates[name].value, part)
@@ -461,9 +461,9 @@ def without_fit(state: FlightState, sentence: str, remedy: str) -> FlightEstimat
     """Result of flights that gave no estimate."""
     motion, prepared, numbers = state.motion, state.prepared, outcome.flight_diagnostics(state.prepared)
     quantities = not_estimated(motion)
-    if motion.abilities.known is not None and state.flying:
+    if motion.abilities.known is not None and state.flights:
         with suppress(errors.TooFewSamplesError):
-            known, checks = motion.abilities.known(state.flying)
+            known, checks = motion.abilities.known(state.flights)
             quantities, numbers = quantities | _judged(state, known, checks), numbers | checks.numbers
     own_findings = motion.abilities.findings(prepared, quantities)
     findings = (*outcome.flight_findings(prepared, motion.words), *own_findings)
@@ -485,7 +485,7 @@ def _judged(
 ) -> dict[str, Quantity]:
     """Quantities that are known without an estimate, with their systematic parts and verdicts."""
     motion = state.motion
-    facts, chosen = _of_flights(state.flying), Instruments(NoInstruments())
+    facts, chosen = _of_flights(state.flights), Instruments(NoInstruments())
     inputs = VerdictInputs(**facts, instruments=chosen, checks=checks, quantities=known)
     widened = with_systematic_uncertainties(motion, known, systematic_uncertainties(motion.parts, inputs))
     reasons = reasons_by_quantity(motion.rules, replace(inputs, quantities=widened), motion.quantities)
@@ -515,7 +515,7 @@ SENSORS_APART_S = 0.005
 LEAST_STATE_HZ, LEAST_COMMAND_HZ = 90.0, 45.0
 #: Instruments weaker than this share of strong ones are not looked at closely: F at coarse lags was .9 of its
 #: best, or more, where that was strong (26 flights of three vehicles), and else half of it.
-LEAST_SHARE = 0.5
+FIRST_STAGE_SHARE = 0.5
 
 
 def lags_from_rates(
@@ -530,7 +530,7 @@ def lags_from_rates(
 
 
 def lag_measured_by(motion: Motion[Any], lag: Quantity) -> LagPrior | None:
-    """What a motion's result says of the lag; None where that is not to be trusted."""
+    """Lag by the result of a motion; None unless its verdict is identified."""
     if lag.verdict is not Status.IDENTIFIED:
         return None
     return LagPrior.by_measurement(
@@ -545,7 +545,7 @@ def lag_measured_by(motion: Motion[Any], lag: Quantity) -> LagPrior | None:
 def _lag_by(
     motion: Motion[Any], log: Recording, options: FlightOptions, prepared_states: dict[str, FlightState]
 ) -> LagPrior | None:
-    """Lag by one motion; None where it cannot be identified, or not be trusted."""
+    """Lag by a motion; None where it is not identified."""
     try:
         log = upward(part_to_read(log, options.window))
         rates_hz = dict(motion.select(log, options).rates_hz)
@@ -554,21 +554,21 @@ def _lag_by(
         flight = prepare(log, motion, options)
     except errors.InputError:
         return None
-    clean = any(reference.usable and reference.exogenous for reference in flight.references)
+    exogenous = any(reference.usable and reference.exogenous for reference in flight.references)
     state = prepared_states[motion.name] = FlightState(motion, (flight,), options)
-    if not flight.runs or not clean:
+    if not flight.runs or not exogenous:
         return None
-    first_stage, least = _coarse_first_stage(state), LEAST_SHARE * STRONG_FIRST_STAGE
-    if first_stage.get(ACTUATOR_LAG.name, 0.0) < least:
+    first_stage, threshold = _coarse_first_stage(state), FIRST_STAGE_SHARE * STRONG_FIRST_STAGE
+    if first_stage.get(ACTUATOR_LAG.name, 0.0) < threshold:
         deciding = [F for name, F in first_stage.items() if motion.quantities[name].need]
         strongest = max(deciding, default=0.0)
-        if first_stage and strongest < least:
-            needed = f"{strongest:.2g}, and {STRONG_FIRST_STAGE:.0f} is needed"
+        if first_stage and strongest < threshold:
+            strength = f"{strongest:.2g}, and {STRONG_FIRST_STAGE:.0f} is needed"
             sentence = (
-                f"The instruments are too weak for an estimate: their first-stage F is at most {needed}. "
+                f"The instruments are too weak for an estimate: their first-stage F is at most {strength}. "
                 f"With --model {motion.name} it is made all the same."
             )
-            prepared_states[motion.name] = replace(state, hopeless=sentence)
+            prepared_states[motion.name] = replace(state, skip_reason=sentence)
         return None
     try:
         for stage in STAGES[: STAGES.index(diagnose_fit) + 1]:
@@ -580,7 +580,7 @@ def _lag_by(
 
 
 def _coarse_first_stage(state: FlightState) -> dict[str, float]:
-    """First-stage F by parameter, by a coarse search, where most flights end."""
+    """First-stage F by parameter, of a coarse search: a cheap test of strength."""
     state = choose_instruments(state)
     try:
         problem = posed(state)
@@ -591,7 +591,7 @@ def _coarse_first_stage(state: FlightState) -> dict[str, float]:
 
 
 def _coarse(nuisance: separable.Nuisance) -> separable.Nuisance:
-    """A nuisance with some of its grid, and nothing between: of a delay, which a lag makes up for, one."""
+    """A nuisance on a quarter of its grid without refinement; a delay, which a lag replaces, at one value."""
     if not nuisance.searched:
         return nuisance
     if nuisance.part_of:

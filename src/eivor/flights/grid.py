@@ -25,34 +25,34 @@ Mask = Bool[np.ndarray, " n"]
 JITTER = 2.0
 
 #: Values at times `t`, of stamps that increase, their values, and `t`.
-Between = Callable[[Float[np.ndarray, " m"], Float[np.ndarray, " m"], Series], Series]
+Interpolant = Callable[[Float[np.ndarray, " m"], Float[np.ndarray, " m"], Series], Series]
 
 
-def line_between(time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], t: Series) -> Series:
+def linear(time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], t: Series) -> Series:
     """Lines between stamps, beyond the ends the last value."""
     return np.interp(t, time, values)
 
 
-def curve_between(time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], t: Series) -> Series:
+def cubic(time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], t: Series) -> Series:
     """Cubic curves between even stamps; lines at the ends and between uneven ones."""
-    line = line_between(time, values, t)
+    line = linear(time, values, t)
     if time.size < 4:
         return line
     h = np.diff(time)
     with np.errstate(over="ignore", invalid="ignore"):
         chord = np.diff(values) / h
         slope = (h[1:] * chord[:-1] + h[:-1] * chord[1:]) / (h[1:] + h[:-1])
-        begin, end = slope[:-1] - chord[1:-1], slope[1:] - chord[1:-1]
+        left_slope, right_slope = slope[:-1] - chord[1:-1], slope[1:] - chord[1:-1]
         neighbours = np.stack([h[:-2], h[1:-1], h[2:]])
         even = neighbours.max(axis=0) <= JITTER * neighbours.min(axis=0)
-        even &= np.isfinite(begin) & np.isfinite(end)
+        even &= np.isfinite(left_slope) & np.isfinite(right_slope)
         piece = np.searchsorted(time, t, side="right") - 2
         inside = np.flatnonzero((piece >= 0) & (piece < even.size))
         inside = inside[even[piece[inside]]]
         k = piece[inside]
         x = (t[inside] - time[k + 1]) / h[k + 1]
-        bent = h[k + 1] * x * (1.0 - x) * ((1.0 - x) * begin[k] - x * end[k])
-    line[inside] += np.where(np.isfinite(bent), bent, 0.0)
+        bulge = h[k + 1] * x * (1.0 - x) * ((1.0 - x) * left_slope[k] - x * right_slope[k])
+    line[inside] += np.where(np.isfinite(bulge), bulge, 0.0)
     return line
 
 
@@ -63,7 +63,7 @@ FINE_FROM_HZ = 150.0
 #: A channel faster than this many times the grid is averaged over each step instead of interpolated.
 AVERAGED_FROM = 1.5
 #: Times closer than this are the same: stamps are rounded [s].
-SAME_TIME_S = 1e-9
+STAMP_ROUNDING_S = 1e-9
 #: After a gap or a lost value of the command the actuator's state is not known for so long [s].
 RECOVERY_S = 0.3
 #: Time before a sample that decides the state of its actuators [s]: behind a lag of 0.3 s, the longest that
@@ -76,7 +76,7 @@ LAST_SAMPLE_SHARE = 1e-7
 #: Longest flight that is put on a grid [s].
 LONGEST_S = 6 * 3600.0
 #: Stamps that are further apart are not looked into for silences [s].
-FURTHEST_S = 1e12
+LONGEST_SPAN_S = 1e12
 
 
 class Grid(msgspec.Struct, frozen=True):
@@ -104,7 +104,7 @@ class Grid(msgspec.Struct, frozen=True):
         """Every sample time [s]."""
         return self.start_s + self.step_s * self.steps
 
-    def kept(self, mask: Mask) -> Grid:
+    def select(self, mask: Mask) -> Grid:
         """Grid of the samples of a mask."""
         steps = self.steps[mask]
         edges = np.flatnonzero(np.diff(steps, prepend=-2, append=np.iinfo(np.int64).max) != 1)
@@ -121,7 +121,7 @@ def common_grid(channels: Sequence[Channel], fast: Sequence[Channel], step_s: fl
         received = f"none (the last begins at {start:.2f} s, the first ends at {end:.2f} s)"
         remedy = "Check the clocks of the log, or leave out the channel that does not fit."
         raise InputError(f"a stretch of time in which {names} are all logged", received, remedy)
-    if end - start > FURTHEST_S:
+    if end - start > LONGEST_SPAN_S:
         raise _too_long(end - start)
     fine = all(channel.rate_hz >= FINE_FROM_HZ for channel in fast)
     step = step_s or (FINE_STEP_S if fine else STEP_S)
@@ -132,7 +132,7 @@ def common_grid(channels: Sequence[Channel], fast: Sequence[Channel], step_s: fl
         if channel.name in fast_names or not channel.held
         for first, last in channel.silences()
     ]
-    grid = Grid(start, step, _without(silences, int((end - start) / step + LAST_SAMPLE_SHARE) + 1))
+    grid = Grid(start, step, _remaining_pieces(silences, int((end - start) / step + LAST_SAMPLE_SHARE) + 1))
     if grid.count * step > LONGEST_S:
         raise _too_long(grid.count * step)
     return grid
@@ -145,25 +145,25 @@ def _too_long(covered_s: float) -> InputError:
     return InputError(f"a flight of at most {LONGEST_S / 3600:.0f} hours", received, remedy)
 
 
-def _without(omitted: list[tuple[int, int]], count: int) -> tuple[range, ...]:
+def _remaining_pieces(omitted: list[tuple[int, int]], count: int) -> tuple[range, ...]:
     """0 .. count-1 without stretches, each from its first to its last number."""
-    pieces, begin = [], 0
+    pieces, start = [], 0
     for first, last in sorted(omitted):
         if first <= last:
-            pieces.append(range(begin, min(first, count)))
-            begin = max(begin, last + 1)
-    return tuple(piece for piece in (*pieces, range(begin, count)) if len(piece))
+            pieces.append(range(start, min(first, count)))
+            start = max(start, last + 1)
+    return tuple(piece for piece in (*pieces, range(start, count)) if len(piece))
 
 
-def around(used: Mask, grid: Grid) -> Mask:
-    """Samples `used`, those before them that their actuators remember, and a margin behind them."""
-    steps, step = grid.steps, grid.steps[used]
-    if not step.size:
+def with_memory(used: Mask, grid: Grid) -> Mask:
+    """Samples `used`, those before them in the actuators' memory, and a margin after them."""
+    steps, used_steps = grid.steps, grid.steps[used]
+    if not used_steps.size:
         return used
-    before, behind = ceil(MEMORY_S / grid.step_s), ceil(MARGIN_S / grid.step_s)
-    ahead = step[np.minimum(np.searchsorted(step, steps), step.size - 1)] - steps
-    passed = steps - step[np.maximum(np.searchsorted(step, steps, side="right") - 1, 0)]
-    return ((ahead >= 0) & (ahead <= before)) | ((passed >= 0) & (passed <= behind))
+    memory, margin = ceil(MEMORY_S / grid.step_s), ceil(MARGIN_S / grid.step_s)
+    until_next = used_steps[np.minimum(np.searchsorted(used_steps, steps), used_steps.size - 1)] - steps
+    since_last = steps - used_steps[np.maximum(np.searchsorted(used_steps, steps, side="right") - 1, 0)]
+    return ((until_next >= 0) & (until_next <= memory)) | ((since_last >= 0) & (since_last <= margin))
 
 
 def bridged(channel: Channel) -> Channel:
@@ -172,26 +172,26 @@ def bridged(channel: Channel) -> Channel:
     if known.all() or not known.any():
         return channel
     time, values = channel.time_s[known], channel.values[known]
-    lost = ~known & (channel.time_s > time[0]) & (channel.time_s < time[-1])
+    missing = ~known & (channel.time_s > time[0]) & (channel.time_s < time[-1])
     shortest_s = max(5.0 * float(np.median(np.diff(channel.time_s))), 0.1)  # as of a channel that loses none
     gaps = Channel(channel.name, time, values, channel.unit).gaps(factor=0.0, at_least_s=shortest_s)
-    lost &= ~_inside(gaps, channel.time_s)
-    return replace(channel, values=np.where(lost, np.interp(channel.time_s, time, values), channel.values))
+    missing &= ~_inside(gaps, channel.time_s)
+    return replace(channel, values=np.where(missing, np.interp(channel.time_s, time, values), channel.values))
 
 
-def on_grid(channel: Channel, grid: Grid, between: Between = line_between) -> tuple[Series, Mask]:
-    """Values of `channel` on the grid and where they stand on data."""
+def on_grid(channel: Channel, grid: Grid, interpolate: Interpolant = linear) -> tuple[Series, Mask]:
+    """Values of `channel` on the grid, and the mask of those supported by data."""
     finite = np.isfinite(channel.values)
     if not finite.any():
         return np.zeros(grid.count), np.zeros(grid.count, dtype=np.bool_)
     if channel.held:
-        return _held(channel, channel.values, grid)
+        return _values_in_force(channel, channel.values, grid)
     time, values, t = channel.time_s[finite], channel.values[finite], grid.time_s
     averaged = time.size > 1 and channel.rate_hz > AVERAGED_FROM / grid.step_s
-    series = _averaged(time, values, grid) if averaged else between(time, values, t)
-    good = (t >= time[0] - SAME_TIME_S) & (t <= time[-1] + SAME_TIME_S)
-    good &= ~_inside(Channel(channel.name, time, values, channel.unit).gaps(), t)
-    return series, good
+    series = _averaged(time, values, grid) if averaged else interpolate(time, values, t)
+    valid = (t >= time[0] - STAMP_ROUNDING_S) & (t <= time[-1] + STAMP_ROUNDING_S)
+    valid &= ~_inside(Channel(channel.name, time, values, channel.unit).gaps(), t)
+    return series, valid
 
 
 def unlogged(channel: Channel, grid: Grid) -> Mask:
@@ -211,26 +211,26 @@ def _inside(intervals: list[tuple[float, float]], t: Series) -> Mask:
     return np.asarray((interval >= 0) & (t < ends[np.maximum(interval, 0)]))
 
 
-def _held(
+def _values_in_force(
     channel: Channel, values: Float[np.ndarray, "*k m"], grid: Grid
 ) -> tuple[Float[np.ndarray, "*k n"], Mask]:
-    """What is in force at each sample, of the values of a channel or of others at its stamps."""
+    """Value in force at each sample, of a held channel or of other values at its stamps."""
     finite = np.isfinite(channel.values)
-    index = np.searchsorted(channel.time_s, grid.time_s + SAME_TIME_S, side="right") - 1
+    index = np.searchsorted(channel.time_s, grid.time_s + STAMP_ROUNDING_S, side="right") - 1
     last_finite = np.maximum.accumulate(np.where(finite, np.arange(finite.size), -1))
     source = np.where(index >= 0, last_finite[np.maximum(index, 0)], -1)
-    first = int(np.argmax(finite))
-    return values[..., np.where(source >= 0, source, first)], (index >= 0) & finite[np.maximum(index, 0)]
+    start = int(np.argmax(finite))
+    return values[..., np.where(source >= 0, source, start)], (index >= 0) & finite[np.maximum(index, 0)]
 
 
 def command_on_grid(channel: Channel, grid: Grid) -> tuple[Series, Mask]:
-    """Values of a command on the grid, and where they stand on data that its actuator remembers."""
+    """Values of a command on the grid, and the mask of those whose actuator state is known."""
     is_held = channel.held and np.isfinite(channel.values).any()
-    series, good = _mean_in_force(channel, channel.values, grid) if is_held else on_grid(channel, grid)
+    series, valid = _mean_in_force(channel, channel.values, grid) if is_held else on_grid(channel, grid)
     # without its gaps and the time that the actuator needs to forget them
-    broken, wait = ~good | _inside(channel.gaps(), grid.time_s), int(np.ceil(RECOVERY_S / grid.step_s))
-    total = np.concatenate([np.zeros(wait + 1, dtype=np.int64), np.cumsum(broken)])
-    return series, total[wait + 1 :] - total[: grid.count] == 0
+    broken, delay = ~valid | _inside(channel.gaps(), grid.time_s), int(np.ceil(RECOVERY_S / grid.step_s))
+    counts = np.concatenate([np.zeros(delay + 1, dtype=np.int64), np.cumsum(broken)])
+    return series, counts[delay + 1 :] - counts[: grid.count] == 0
 
 
 def courses_on_grid(
@@ -246,32 +246,32 @@ def _mean_in_force(
     channel: Channel, values: Float[np.ndarray, "*k m"], grid: Grid
 ) -> tuple[Float[np.ndarray, "*k n"], Mask]:
     """Mean of a held channel, or of other values at its stamps, over the step that begins at each sample."""
-    in_force, good = _held(channel, values, grid)
+    in_force, valid = _values_in_force(channel, values, grid)
     time, t, step = channel.time_s, grid.time_s, grid.step_s
     # stamps inside the step that begins at a sample are first .. last - 1
-    first = np.searchsorted(time, t + SAME_TIME_S, side="right")
-    last = np.searchsorted(time, t + step - SAME_TIME_S, side="left")
-    inside = np.flatnonzero(good & (last > first))
+    first = np.searchsorted(time, t + STAMP_ROUNDING_S, side="right")
+    last = np.searchsorted(time, t + step - STAMP_ROUNDING_S, side="left")
+    inside = np.flatnonzero(valid & (last > first))
     if not inside.size:
-        return in_force, good
-    first, last, begin = first[inside], last[inside], t[inside]
+        return in_force, valid
+    first, last, start = first[inside], last[inside], t[inside]
     finite = np.isfinite(channel.values)
-    values, lost = np.where(finite, values, 0.0), np.concatenate([[0], np.cumsum(~finite)])
+    values, missing = np.where(finite, values, 0.0), np.concatenate([[0], np.cumsum(~finite)])
     # between two stamps of one step lies less than a step, so that sums over hours stay small
     area = np.zeros(values.shape)
     np.cumsum(values[..., :-1] * np.minimum(np.diff(time), step), axis=-1, out=area[..., 1:])
-    whole = in_force[..., inside] * (time[first] - begin) + area[..., last - 1] - area[..., first]
-    whole += values[..., last - 1] * (begin + step - time[last - 1])
-    in_force[..., inside] = whole / step
-    good[inside] = lost[last] == lost[first]
-    return in_force, good
+    integral = in_force[..., inside] * (time[first] - start) + area[..., last - 1] - area[..., first]
+    integral += values[..., last - 1] * (start + step - time[last - 1])
+    in_force[..., inside] = integral / step
+    valid[inside] = missing[last] == missing[first]
+    return in_force, valid
 
 
 def _averaged(time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], grid: Grid) -> Series:
     """Mean of the piecewise linear series over one step around each sample, by its exact integral."""
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
 
-    def up_to(steps: Series) -> tuple[Series, Series]:
+    def integral_to(steps: Series) -> tuple[Series, Series]:
         """Times, not beyond the channel's ends, and the integral up to them."""
         edges = np.clip(grid.start_s + grid.step_s * steps, time[0], time[-1])
         index = np.clip(np.searchsorted(time, edges, side="right") - 1, 0, max(time.size - 2, 0))
@@ -279,9 +279,9 @@ def _averaged(time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], gr
         slope = (values[index + 1] - values[index]) / (time[index + 1] - time[index])
         return edges, integral[index] + inside * (values[index] + 0.5 * slope * inside)
 
-    (low, before), (high, behind) = up_to(grid.steps - 0.5), up_to(grid.steps + 0.5)
+    (low, low_integral), (high, high_integral) = integral_to(grid.steps - 0.5), integral_to(grid.steps + 0.5)
     width = high - low
-    mean = np.divide(behind - before, width, out=np.zeros(grid.count), where=width > 0.0)
+    mean = np.divide(high_integral - low_integral, width, out=np.zeros(grid.count), where=width > 0.0)
     return np.asarray(np.where(width > 0.0, mean, np.interp(grid.time_s, time, values)))
 
 
@@ -300,7 +300,7 @@ CLEARANCE_M = 0.1
 #: after the last time that it does, the ground carries the rest of the weight, whatever the height does.
 LIFTED_SHARE = 0.9
 #: Nothing is taken to feel less than this share of gravity.
-LEAST_FELT = 0.2
+LEAST_LOAD = 0.2
 #: A height that is known for a smaller share of the log cannot say where the ground is.
 HEIGHT_KNOWN_SHARE = 0.5
 #: Left out after take-off and before landing [s].
@@ -309,10 +309,10 @@ AIRBORNE_MARGIN_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Active:
-    """Where the vehicle does what a motion describes (where it flies), and how that is known."""
+    """Samples that a motion describes (in the air), and the rule that decided."""
 
     mask: Mask  # True where it does; in the air, margins left out
-    rule: str  # Which rule was used, in words
+    rule: str  # The rule that decided, in words
     counted: Mask | None = None  # Samples of it that count; excursions end no run
 
 
@@ -324,8 +324,8 @@ def airborne_by_log(log: Recording, grid: Grid, input_level: Series) -> Active:
         if known.any():
             landed = (on_ground > 0.5) | ~known
             if "ground_contact" in log.channels:
-                touching, measured = on_grid(log.channels["ground_contact"], grid)
-                landed |= measured & (touching > 0.5)
+                contact, measured = on_grid(log.channels["ground_contact"], grid)
+                landed |= measured & (contact > 0.5)
     if "position_z" in log.channels:
         level, known = on_grid(log.channels["position_z"], grid)
         height = level if known.mean() >= HEIGHT_KNOWN_SHARE else None
@@ -334,14 +334,14 @@ def airborne_by_log(log: Recording, grid: Grid, input_level: Series) -> Active:
         return result
     lift = input_level
     if "velocity_z" in log.channels:
-        # mean level around each sample over 1 + z''/g: while nothing but the rotors lifts, that of hover
+        # mean level around each sample over the load factor 1 + z''/g: that of hover while only rotors lift
         velocity = on_grid(log.channels["velocity_z"], grid)[0]
-        half, index = max(round(0.5 * OFF_FOR_S / grid.step_s), 1), np.arange(input_level.size)
-        earlier, later = np.maximum(index - half, 0), np.minimum(index + half, input_level.size - 1)
-        total, count = np.cumsum(input_level), np.maximum(later - earlier, 1)
-        felt = 1.0 + (velocity[later] - velocity[earlier]) / (count * grid.step_s * GRAVITY)
-        lift = np.asarray((total[later] - total[earlier]) / count / np.maximum(felt, LEAST_FELT))
-    return replace(result, mask=_lifted(result.mask, lift, grid.step_s))
+        n, index = max(round(0.5 * OFF_FOR_S / grid.step_s), 1), np.arange(input_level.size)
+        earlier, later = np.maximum(index - n, 0), np.minimum(index + n, input_level.size - 1)
+        area, count = np.cumsum(input_level), np.maximum(later - earlier, 1)
+        load = 1.0 + (velocity[later] - velocity[earlier]) / (count * grid.step_s * GRAVITY)
+        lift = np.asarray((area[later] - area[earlier]) / count / np.maximum(load, LEAST_LOAD))
+    return replace(result, mask=_without_spool_up(result.mask, lift, grid.step_s))
 
 
 def airborne(*, input_level: Series, step_s: float, landed: Mask | None, height: Series | None) -> Active:
@@ -349,10 +349,10 @@ def airborne(*, input_level: Series, step_s: float, landed: Mask | None, height:
     if landed is not None:
         # motors at idle for so long that nothing flies
         level = float(np.percentile(input_level[~landed], 95)) if not landed.all() else 0.0
-        flying = ~landed & ~_for_long(input_level < IDLE_SHARE * level, step_s)
+        flying = ~landed & ~_long_stretches(input_level < IDLE_SHARE * level, step_s)
         return Active(_without_margins(flying, step_s), "the log's land detector")
     level = float(np.percentile(input_level, 95))
-    off = _for_long(input_level < OFF_SHARE * level, step_s)
+    off = _long_stretches(input_level < OFF_SHARE * level, step_s)
     if level <= 0.0:
         return Active(np.zeros(off.size, dtype=np.bool_), "the input, which never rises above zero")
     if height is not None:
@@ -371,36 +371,36 @@ def airborne(*, input_level: Series, step_s: float, landed: Mask | None, height:
     return Active(_without_margins(flying, step_s), "the input and the height above ground")
 
 
-def _lifted(flying: Mask, lift: Series, step_s: float) -> Mask:
-    """`flying` without what is left of spooling up and down in each stretch, and its margins."""
+def _without_spool_up(flying: Mask, lift: Series, step_s: float) -> Mask:
+    """`flying` without spooling up and down at the ends of each stretch."""
     result = flying.copy()
     margin = round(AIRBORNE_MARGIN_S / step_s)
     for stretch in stretches(flying):
-        inside = lift[stretch]
-        on = inside >= OFF_SHARE * abs(np.percentile(inside, 95))
-        usual = float(np.median(inside[on])) if on.any() else np.inf
-        carried = np.flatnonzero(inside >= LIFTED_SHARE * usual)
-        if stretch.start > 0 and carried.size and carried[0] > 0:
-            result[stretch.start : stretch.start + int(carried[0]) + margin] = False
-        if stretch.stop < flying.size and carried.size and carried[-1] < inside.size - 1:
-            result[stretch.start + int(carried[-1]) + 1 - margin : stretch.stop] = False
+        levels = lift[stretch]
+        is_on = levels >= OFF_SHARE * abs(np.percentile(levels, 95))
+        usual_level = float(np.median(levels[is_on])) if is_on.any() else np.inf
+        lifted = np.flatnonzero(levels >= LIFTED_SHARE * usual_level)
+        if stretch.start > 0 and lifted.size and lifted[0] > 0:
+            result[stretch.start : stretch.start + int(lifted[0]) + margin] = False
+        if stretch.stop < flying.size and lifted.size and lifted[-1] < levels.size - 1:
+            result[stretch.start + int(lifted[-1]) + 1 - margin : stretch.stop] = False
     return result
 
 
 def _carried_by_ground(weak: Mask, height: Series, step_s: float) -> Mask:
-    """Samples of the long stretches of weak input in which the height stays as it is."""
-    held = _for_long(weak, step_s)
-    for stretch in stretches(held):
-        held[stretch] = np.ptp(height[stretch]) < CLEARANCE_M
-    return held
+    """Samples of the long stretches of weak input at constant height."""
+    carried = _long_stretches(weak, step_s)
+    for stretch in stretches(carried):
+        carried[stretch] = np.ptp(height[stretch]) < CLEARANCE_M
+    return carried
 
 
-def _for_long(mask: Mask, step_s: float) -> Mask:
+def _long_stretches(mask: Mask, step_s: float) -> Mask:
     """Samples of the stretches of a mask that are half a second long or longer."""
-    held = np.zeros(mask.size, dtype=np.bool_)
+    result = np.zeros(mask.size, dtype=np.bool_)
     for stretch in stretches(mask):
-        held[stretch] = (stretch.stop - stretch.start) * step_s >= OFF_FOR_S
-    return held
+        result[stretch] = (stretch.stop - stretch.start) * step_s >= OFF_FOR_S
+    return result
 
 
 def _without_margins(flying: Mask, step_s: float) -> Mask:
@@ -415,14 +415,14 @@ def upward(recording: Recording) -> Recording:
     """Return the same recording with z up."""
     if recording.frame is Frame.Z_UP:
         return recording
-    logged = recording.channels
-    if isinstance(logged, MadeChannels):
-        turned: Mapping[str, Channel] = logged.changed(_turned)
+    channels = recording.channels
+    if isinstance(channels, MadeChannels):
+        flipped: Mapping[str, Channel] = channels.changed(_flipped)
     else:
-        turned = {name: _turned(channel) for name, channel in logged.items()}
-    return replace(recording, channels=turned, frame=Frame.Z_UP)
+        flipped = {name: _flipped(channel) for name, channel in channels.items()}
+    return replace(recording, channels=flipped, frame=Frame.Z_UP)
 
 
-def _turned(channel: Channel) -> Channel:
+def _flipped(channel: Channel) -> Channel:
     known = canonical_channel(channel.name)
     return replace(channel, values=-channel.values) if known is not None and known.flipped else channel

@@ -35,7 +35,7 @@ def identified(
     progress: Progress = no_stage_callback,
     prepared_states: dict[str, FlightState] | None = None,
 ) -> FlightEstimate:
-    """Identify a motion from logs of one vehicle; states of others are used and added to."""
+    """Identify a motion from logs of one vehicle; `prepared_states` of others are used and updated."""
     prepared_states = {} if prepared_states is None else prepared_states
     by_name(options.method)  # unknown names are reported before anything is estimated
     check_options(motion, options)
@@ -44,31 +44,31 @@ def identified(
             f"{len(logs)} windows, one for each log", f"{len(windows)}", "Use None for a whole log."
         )
     progress(Stage.PREPARING)
-    kept, dropped = without_duplicates(logs, windows)
+    unique, dropped = without_duplicates(logs, windows)
     state = prepared_states.get(motion.name)
-    if state is not None and (len(kept) > 1 or state.options != options or kept[0][1] is not None):
+    if state is not None and (len(unique) > 1 or state.options != options or unique[0][1] is not None):
         state = None
-    pairs = [(log, options if window is None else replace(options, window=window)) for log, window in kept]
+    pairs = [(log, options if window is None else replace(options, window=window)) for log, window in unique]
     prepared = tuple(prepare(log, motion, each) for log, each in pairs) if state is None else state.prepared
     check_poolable(prepared, motion, anyway=options.pool_anyway)
-    neighbours: LagMeasurements = partial(tuple, lag_measurements)
-    if not lag_measurements and len(kept) == 1 and others:
-        ((log, window),) = kept
-        neighbours = cache(partial(lags_from_rates, others, log, window or options.window, prepared_states))
-    state = state or FlightState(for_flights(motion, prepared, options), prepared, options, neighbours)
+    lag_source: LagMeasurements = partial(tuple, lag_measurements)
+    if not lag_measurements and len(unique) == 1 and others:
+        ((log, window),) = unique
+        lag_source = cache(partial(lags_from_rates, others, log, window or options.window, prepared_states))
+    state = state or FlightState(for_flights(motion, prepared, options), prepared, options, lag_source)
     progress(Stage.IDENTIFYING)
     if len(prepared) == 1:
         result = estimated(state, progress)
     else:
-        singly = replace(state, lag_measurements=tuple)
-        first = replace(options, method=by_name(options.method).of_flights)
-        alone = [estimated(replace(singly, prepared=(flight,), options=first)) for flight in prepared]
-        over_identification = agreement([item.fit.checks for item in alone if item.fit is not None])
-        result = pooled_result(singly, alone) or estimated(replace(singly, agreement=over_identification))
+        single = replace(state, lag_measurements=tuple)
+        choice = replace(options, method=by_name(options.method).of_flights)
+        by_log = [estimated(replace(single, prepared=(flight,), options=choice)) for flight in prepared]
+        over_identification = agreement([item.fit.checks for item in by_log if item.fit is not None])
+        result = pooled_result(single, by_log) or estimated(replace(single, agreement=over_identification))
         progress(Stage.DIAGNOSING)
-        each = [_row(flight.recording.name, item) for flight, item in zip(prepared, alone, strict=True)]
+        each = [_row(flight.recording.name, item) for flight, item in zip(prepared, by_log, strict=True)]
         result = replace(
-            result, flights=tuple(each), findings=(*result.findings, *differences(result, alone))
+            result, flights=tuple(each), findings=(*result.findings, *differences(result, by_log))
         )
     result = replace(result, findings=(*dropped, *result.findings))
     if options.compare:
@@ -81,23 +81,23 @@ def identified(
 
 
 #: A quantity differs among flights where a chi-square test of all has this p-value or less.
-DIFFERS = 1e-3
+DIFFERENCE_P_VALUE = 1e-3
 
 
-def differences(pool: FlightEstimate, alone: Sequence[FlightEstimate]) -> Iterator[Finding]:
-    """Quantities of a vehicle that flights of a pool, each by itself, disagree about; Cochran's test."""
+def differences(pool: FlightEstimate, results: Sequence[FlightEstimate]) -> Iterator[Finding]:
+    """Quantities in which the single flights of a pool differ, by Cochran's test."""
     if pool.fit is None or pool.fit.pooled is not None:
         return  # its own tests say it
     for name, spec in pool.motion.quantities.items():
         if not spec.headline or spec.of_flight:
             continue
-        quantities = [item.quantities[name] for item in alone if name in item.quantities]
+        quantities = [item.quantities[name] for item in results if name in item.quantities]
         numbers = np.array([(item.value, item.std_error) for item in quantities]).reshape(-1, 2)
         values, errors = numbers[np.isfinite(numbers).all(axis=1) & (numbers[:, 1] > 0.0)].T
         if values.size < 2:
             continue
         p_value = homogeneity_p_value(values, errors**2)
-        if p_value <= DIFFERS:
+        if p_value <= DIFFERENCE_P_VALUE:
             low, high = (spec.scale * end for end in (values.min(), values.max()))
             ends = f"{low:.3g} to {high:.3g} {spec.shown_unit}".rstrip()
             yield Finding(
@@ -121,7 +121,7 @@ def with_coupled_axes(
     windows: Sequence[Window],
     known: Mapping[str, FlightEstimate],
 ) -> FlightEstimate:
-    """Result with quantities of other motions, of `known` ones with the same input; findings for the rest."""
+    """Result with coupled quantities of other motions, or findings why they are absent."""
     if result.fit is None:
         return result
     wording, results, findings = result.motion.quantities, dict(result.quantities), list(result.findings)
@@ -148,18 +148,18 @@ def _coupled(
     for words, names in axis.needs.items():
         if not all(any(name in log.channels for name in names) for log in logs):
             return f"no {words} is logged"
-    given = result.options
-    options = FlightOptions(given.window, given.max_tilt_deg, axis.input, given.input_map or axis.input_map)
-    options = replace(options, method=given.method, lag=given.lag)
+    base = result.options
+    options = FlightOptions(base.window, base.max_tilt_deg, axis.input, base.input_map or axis.input_map)
+    options = replace(options, method=base.method, lag=base.lag)
     lag = lag_measured_by(result.motion, result.quantities[EFFECTIVE_LAG])
-    measured = () if lag is None or given.lag is not None else (lag,)
-    same = (options.input, options.input_map)
+    measured = () if lag is None or base.lag is not None else (lag,)
+    input_used = (options.input, options.input_map)
     try:
-        if other is None or (other.prepared[0].input.name, other.prepared[0].input_map) != same:
+        if other is None or (other.prepared[0].input.name, other.prepared[0].input_map) != input_used:
             other = identified(logs, motion, options, windows, lag_measurements=measured)
     except InputError as error:
         return f"{error.expected} is missing"
-    here, there = result.motion.quantities[axis.called].words, motion.quantities[axis.quantity].words
+    ours, theirs = result.motion.quantities[axis.called].words, motion.quantities[axis.quantity].words
     quantity = other.quantities[axis.quantity]
-    reasons = (replace(why, sentence=why.sentence.replace(there, here)) for why in quantity.reasons)
+    reasons = (replace(reason, sentence=reason.sentence.replace(theirs, ours)) for reason in quantity.reasons)
     return replace(quantity, reasons=tuple(reasons))

@@ -54,42 +54,42 @@ def joint_quantities(estimate: Estimate) -> dict[str, QuantityEstimate]:
 def ratio_quantity(
     estimate: Estimate, numerator: str | float, denominator: str, unit: str
 ) -> QuantityEstimate:
-    """Ratio of two parameters, or of a number and a parameter; see `eivor.ratio`."""
-    parameters, below = estimate.parameters, estimate.parameters[denominator]
-    above = parameters[numerator] if isinstance(numerator, str) else float(numerator)
+    """Ratio of two parameters, or of a number and a parameter, see `eivor.ratio`."""
+    parameters, divisor = estimate.parameters, estimate.parameters[denominator]
+    dividend = parameters[numerator] if isinstance(numerator, str) else float(numerator)
     interval = ratio(estimate, numerator, denominator).hull
-    if not below:
+    if not divisor:
         return QuantityEstimate(NAN, unit, NAN, interval)
-    gradient = -above / below**2 * estimate.direction(denominator)
+    gradient = -dividend / divisor**2 * estimate.direction(denominator)
     if isinstance(numerator, str):
-        gradient = gradient + estimate.direction(numerator) / below
-    return QuantityEstimate(above / below, unit, estimate.joint_covariance.std_error(gradient), interval)
+        gradient = gradient + estimate.direction(numerator) / divisor
+    return QuantityEstimate(dividend / divisor, unit, estimate.joint_covariance.std_error(gradient), interval)
 
 
-def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
+def reciprocal(original: QuantityEstimate, unit: str) -> QuantityEstimate:
     """One over a quantity; without bounds where its interval is not to one side of zero."""
-    low, high = of.interval
+    low, high = original.interval
     excludes_zero = low > 0.0 or high < 0.0
     interval = (1.0 / high, 1.0 / low) if excludes_zero else NO_INTERVAL
-    if not of.value:
+    if not original.value:
         return QuantityEstimate(NAN, unit, NAN, interval)
-    return QuantityEstimate(1.0 / of.value, unit, of.std_error / of.value**2, interval)
+    return QuantityEstimate(1.0 / original.value, unit, original.std_error / original.value**2, interval)
 
 
 def linear_quantity(
     estimate: Estimate, unit: str, value: float, gradient: Float[np.ndarray, " n"], variance: float = 0.0
 ) -> QuantityEstimate:
-    """Quantity with a gradient by the joint vector, and with a variance besides."""
+    """Quantity with a gradient in the joint vector, and an additional variance."""
     covariance = estimate.joint_covariance
-    half = covariance.half_width(gradient, LEVEL, variance)
+    half_width = covariance.half_width(gradient, LEVEL, variance)
     error = hypot(covariance.std_error(gradient), sqrt(variance))
-    return QuantityEstimate(value, unit, error, (value - half, value + half))
+    return QuantityEstimate(value, unit, error, (value - half_width, value + half_width))
 
 
-def within_sum(
+def limited_by_sum(
     estimates: Mapping[str, QuantityEstimate], *, unsplit: bool = False
 ) -> dict[str, QuantityEstimate]:
-    """Quantities whose lag and delay, where neither is below zero, end where their sum does, unsplit both."""
+    """Quantities with lag and delay limited by their sum; `unsplit` extends both to it."""
     names = [name for name in LAG_SUMS[EFFECTIVE_LAG] if name in estimates]
     results = dict(estimates)
     if EFFECTIVE_LAG in estimates and all(estimates[name].lowest == 0.0 for name in names):
@@ -114,16 +114,16 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
         gradient = np.sum([*map(estimate.direction, searched)], axis=0)
         effective = replace(linear_quantity(estimate, "s", value, gradient), lowest=0.0)
     else:
-        alone = joint[searched[0]] if searched else lag
-        low, high = (end + (value - alone.value) for end in alone.interval)
-        effective = replace(alone, value=value, interval=(low, high), lowest=delay.lowest)
+        single = joint[searched[0]] if searched else lag
+        low, high = (end + (value - single.value) for end in single.interval)
+        effective = replace(single, value=value, interval=(low, high), lowest=delay.lowest)
     quantities = {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
     if lagged_runs.SECOND_STAGE.name in joint and lag.value > 0.0:
         low, high = joint[lagged_runs.SECOND_STAGE.name].interval
         stage = replace(joint[lagged_runs.SECOND_STAGE.name], interval=(max(low, 0.0), min(high, 0.25)))
         ends = np.array([stage.value, *stage.interval])
         second, low, high = (0.5 * lag.value * (1.0 - np.sqrt(1.0 - 4.0 * ends))).tolist()
-        error = 0.5 * (high - low) / NORMAL
+        error = 0.5 * (high - low) / NORMAL_QUANTILE
         quantities[lagged_runs.SECOND_LAG] = QuantityEstimate(second, "s", error, (low, high), lowest=0.0)
         quantities[lagged_runs.SECOND_STAGE.name] = stage
     if lagged_runs.ASYMMETRY.name in joint:
@@ -146,22 +146,22 @@ TYPICAL_LAGS: dict[str, Prior | Bounds] = {
     "5in": Bounds(0.010, 0.100),
     "multirotor": Bounds(0.030, 0.100),  # from 20 g to 5 kg (Eschmann et al. 2025, arXiv:2509.11481)
 }
-NO_LAG_OF_ITS_OWN = QuantityEstimate(NAN, "s", NAN, NO_INTERVAL)
+NO_FLIGHT_LAG = QuantityEstimate(NAN, "s", NAN, NO_INTERVAL)
 #: Standard error of a lag that is known exactly [s].
 EXACT_S = 1e-4
-#: Standard deviation of what may lie anywhere between two ends, as a share of half their distance.
-EVEN_STD = 3.0**-0.5
+#: Standard deviation of a uniform distribution, as a share of its half-width.
+UNIFORM_STD = 3.0**-0.5
 #: Half of a normal 95 % interval, in standard deviations.
-NORMAL = 1.96
+NORMAL_QUANTILE = 1.96
 
 
 @dataclass(frozen=True)
 class LagPrior:
-    """A lag that is known beside the flight, and the flight's own."""
+    """Prior knowledge of a lag, and the lag by the flight alone."""
 
     known: Prior | Bounds  # [s]
     #: [s]; NaN where the instruments are too few for a lag
-    alone: QuantityEstimate = NO_LAG_OF_ITS_OWN
+    alone: QuantityEstimate = NO_FLIGHT_LAG
     slack_s: float = 0.0
     strong: bool = False  # The flight's own interval holds: its instruments are strong
     source: str = ""  # "telemetry", or the name of a motion; empty where a user gave it
@@ -174,7 +174,7 @@ class LagPrior:
     def by_measurement(
         cls, source: str, who: str, measured: QuantityEstimate, apart_s: float, why_wider: str
     ) -> LagPrior:
-        """What telemetry or another motion says: half a 95 % interval is two standard errors at most."""
+        """Prior by telemetry or another motion, with half of its 95 % interval as two standard errors."""
         std_error = max(0.5 * measured.half_width, measured.std_error)
         known = Prior(measured.value, hypot(std_error, apart_s))
         return cls(known, source=source, who=who, measured=measured, why_wider=why_wider)
@@ -183,12 +183,12 @@ class LagPrior:
     def std(self) -> float:
         """Standard deviation of what is known [s], with the command's lateness."""
         known = self.known
-        std = known.std if isinstance(known, Prior) else EVEN_STD * 0.5 * (known.high - known.low)
-        return hypot(std, self.slack_s * EVEN_STD)
+        std = known.std if isinstance(known, Prior) else UNIFORM_STD * 0.5 * (known.high - known.low)
+        return hypot(std, self.slack_s * UNIFORM_STD)
 
     @property
     def for_the_log(self) -> Prior | Bounds:
-        """What is known of the lag that makes up for the command's lateness, too."""
+        """Prior of the lag as logged, which includes the command's lateness."""
         known = self.known
         if known == NO_LAG:
             return known
@@ -196,8 +196,8 @@ class LagPrior:
             return replace(known, std=self.std)
         low, high = self._ends(known)
         own_low, own_high = self.alone.interval if self.strong else (low, high)
-        within = max(low, own_low), min(high, own_high)
-        return Bounds(*within) if within[0] < within[1] else Bounds(low, high)
+        limits = max(low, own_low), min(high, own_high)
+        return Bounds(*limits) if limits[0] < limits[1] else Bounds(low, high)
 
     def _ends(self, bounds: Bounds) -> tuple[float, float]:
         """Bounds that were given, widened by the command's lateness."""
@@ -205,46 +205,46 @@ class LagPrior:
 
     @property
     def p_value(self) -> float:
-        """Of the test that both are of one lag: how far they are apart, over the standard error of that."""
-        known, alone = self.known, self.alone
-        if math.isnan(alone.value):
+        """P-value of the test that prior and flight agree in the lag."""
+        known, flight = self.known, self.alone
+        if math.isnan(flight.value):
             return 1.0
         if isinstance(known, Prior):
-            separated, variance = alone.value - known.mean, alone.std_error**2 + known.std**2
+            difference, variance = flight.value - known.mean, flight.std_error**2 + known.std**2
         else:
-            separated = alone.value - min(max(alone.value, known.low), known.high)
-            variance = alone.std_error**2
-        variance += (self.slack_s * EVEN_STD) ** 2
-        return chi_square_tail(separated**2 / variance, 1) if separated else 1.0
+            difference = flight.value - min(max(flight.value, known.low), known.high)
+            variance = flight.std_error**2
+        variance += (self.slack_s * UNIFORM_STD) ** 2
+        return chi_square_tail(difference**2 / variance, 1) if difference else 1.0
 
     @property
     def contradicted(self) -> bool:
-        """They differ beyond doubt."""
+        """Whether prior and flight differ beyond doubt."""
         return self.p_value <= BEYOND_DOUBT
 
     @property
     def closer_alone(self) -> bool:
-        """Whether the flight identifies the lag within bounds, which then say nothing more."""
+        """Whether the flight's own interval lies within the bounds, which then add nothing."""
         known, (low, high) = self.known, self.alone.interval
         return self.strong and isinstance(known, Bounds) and known.low < low and high < known.high
 
-    def within(self, interval: tuple[float, float], value: float) -> tuple[float, float]:
-        """Interval of lag and delay: within what was known, or to the flight's own where they differ."""
+    def limited(self, interval: tuple[float, float], value: float) -> tuple[float, float]:
+        """Interval limited by the prior, or extended to the flight's own lag where they differ."""
         known = self.known
         if known == NO_LAG:
             return interval
         if isinstance(known, Prior):
-            low, high = known.mean - NORMAL * self.std, known.mean + NORMAL * self.std
+            low, high = known.mean - NORMAL_QUANTILE * self.std, known.mean + NORMAL_QUANTILE * self.std
         else:  # the flight's own interval is no such end: it has no systematic parts
             low, high = self._ends(known)
         if low <= value <= high and self.p_value >= 1.0 - LEVEL:
             return max(interval[0], low), min(interval[1], high)
-        alone = self.alone.value if math.isfinite(self.alone.value) else value
-        return min(interval[0], alone), max(interval[1], alone)
+        flight = self.alone.value if math.isfinite(self.alone.value) else value
+        return min(interval[0], flight), max(interval[1], flight)
 
     @property
     def given(self) -> str:
-        """What was given, in words."""
+        """The prior in words."""
         if isinstance(self.known, Prior):
             value = f"{1e3 * self.known.mean:.3g}"
             std = f"± {1e3 * self.known.std:.2g} ms (one standard deviation)"
@@ -260,7 +260,7 @@ class LagPrior:
 
     @property
     def sentence(self) -> str:
-        """What was given, what the flight says, and whether they agree."""
+        """The prior, the flight's own lag, and whether they agree."""
         who = f"{self.who} says" if self.who else "given"
         if math.isnan(self.alone.value):
             return f"{who} {self.given}; the flight alone has too few instruments for a lag"
@@ -279,12 +279,12 @@ def with_lag_prior(problem: SeparableProblem, known: Prior | Bounds) -> Separabl
     """Return the problem with what is known of the sum of lag and delay."""
     nuisances = {nuisance.name: nuisance for nuisance in problem.nuisances}
     if known == NO_LAG:
-        none = (*LAG_SUMS, lagged_runs.SECOND_STAGE.name)
-        nuisances |= {name: item.known_at(0.0) for name, item in nuisances.items() if name in none}
+        lags = (*LAG_SUMS, lagged_runs.SECOND_STAGE.name)
+        nuisances |= {name: item.known_at(0.0) for name, item in nuisances.items() if name in lags}
     elif ACTUATOR_LAG.name in nuisances:
         if isinstance(known, Bounds):
-            half = 0.5 * (known.high - known.low)
-            known = Prior(known.low + half, max(EVEN_STD * half, EXACT_S))
+            half_width = 0.5 * (known.high - known.low)
+            known = Prior(known.low + half_width, max(UNIFORM_STD * half_width, EXACT_S))
         lag = replace(nuisances[ACTUATOR_LAG.name], prior=known, known_with=(DELAY.name,))
         nuisances[ACTUATOR_LAG.name] = lag
     return problem.with_nuisances(tuple(nuisances.values()))
@@ -300,8 +300,8 @@ TELEMETRY = "telemetry"
 TELEMETRY_RATE_HZ = 19.5
 #: Standard deviation of telemetry's own delay [s]; that of a time within its period is added.
 OWN_DELAY_S = 0.015
-#: Telemetry follows the commands when less than this share of its variance is left.
-LARGEST_SHARE_LEFT = 0.5
+#: Telemetry follows the commands when its residual is less than this share of its variance.
+LARGEST_RESIDUAL_SHARE = 0.5
 
 SLOPE, CURVATURE = Parameter("telemetry_slope", ""), Parameter("telemetry_curvature", "")
 
@@ -311,8 +311,8 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
     columns: list[lagged_runs.AxisColumns] = []
     for number, flight in enumerate(flights):
         channels = next(filter(None, map(flight.recording.family, families)), [])
-        quick = all(channel.rate_hz >= TELEMETRY_RATE_HZ for channel in channels)
-        if channels and quick and not flight.input.measured:
+        fast = all(channel.rate_hz >= TELEMETRY_RATE_HZ for channel in channels)
+        if channels and fast and not flight.input.measured:
             columns.append(_columns(number, flight.shortened, channels))
     if not any(column.runs for column in columns):
         return None
@@ -323,9 +323,9 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
     except EstimationError:
         return None
     response = estimate.rows.response
-    left = float(estimate.residuals @ estimate.residuals) / float(response @ response)
-    at_the_end = estimate.nuisances[ACTUATOR_LAG.name] >= 0.999 * lagged_runs.LAG_GRID_S[-1]
-    if not left < LARGEST_SHARE_LEFT or at_the_end or not np.isfinite(lag_quantity.half_width):
+    residual_share = float(estimate.residuals @ estimate.residuals) / float(response @ response)
+    at_grid_end = estimate.nuisances[ACTUATOR_LAG.name] >= 0.999 * lagged_runs.LAG_GRID_S[-1]
+    if not residual_share < LARGEST_RESIDUAL_SHARE or at_grid_end or not np.isfinite(lag_quantity.half_width):
         return None
     own_delay_s = hypot(OWN_DELAY_S, max(column.step_s for column in columns) / sqrt(12.0))
     return LagPrior.by_measurement(
@@ -334,9 +334,9 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
 
 
 def _columns(number: int, flight: PreparedFlight, channels: list[Channel]) -> lagged_runs.AxisColumns:
-    """Mean of the telemetry at the first channel's stamps, and the runs of the flight among these."""
-    finite = [(channel, np.isfinite(channel.values)) for channel in channels]
-    known = [(channel.time_s[good], channel.values[good]) for channel, good in finite if good.any()]
+    """Mean telemetry at the stamps of its first channel, with the runs of the flight."""
+    masks = [(channel, np.isfinite(channel.values)) for channel in channels]
+    known = [(channel.time_s[good], channel.values[good]) for channel, good in masks if good.any()]
     time_s = known[0][0] if known else np.empty(0)
     mean = np.mean([np.interp(time_s, *item) for item in known], axis=0) if known else time_s
     commands, grid = flight.signals.family(flight.input.name), flight.grid
@@ -344,8 +344,8 @@ def _columns(number: int, flight: PreparedFlight, channels: list[Channel]) -> la
     def lagged_parabola(values: Values) -> Float[np.ndarray, "n 2"]:
         lag_s, delay_s = values[ACTUATOR_LAG.name], values[DELAY.name]
         state = actuator_state(commands, step_s=grid.step_s, lag_s=lag_s, delay_s=delay_s).mean(axis=1)
-        away = np.interp(time_s, grid.time_s, state) - commands.mean()
-        return np.column_stack([away, away**2])
+        deviation = np.interp(time_s, grid.time_s, state) - commands.mean()
+        return np.column_stack([deviation, deviation**2])
 
     ends = [np.searchsorted(time_s, grid.time_s[[run.start, run.stop - 1]]).tolist() for run in flight.runs]
     return lagged_runs.AxisColumns(

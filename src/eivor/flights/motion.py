@@ -30,11 +30,11 @@ from eivor.tools import Float, Int
 #: How far ahead predictions look [s].
 HORIZONS_S = (0.1, 0.2, 0.3, 0.4, 0.5)
 #: Starts are so far apart [s]; in longer flights further, so that there are no more than so many.
-BETWEEN_STARTS_S, MOST_STARTS = 0.05, 2000
+START_SPACING_S, MOST_STARTS = 0.05, 2000
 #: Steps of the integration are no longer than this, or one of the grid [s].
 LONGEST_STEP_S = 0.010
-#: A state that runs away, by numbers that are far off, stays at this.
-AWAY = 1e9
+#: Limit of the size of a state that diverges.
+DIVERGED = 1e9
 #: Names among the models: the fit itself, and that everything stays as it is at the start.
 FIT, UNCHANGED = "fit", "unchanged"
 #: Right-hand side of x' = f(x, sample) for starts side by side, over the step that begins at a sample.
@@ -43,12 +43,12 @@ Derivative = Callable[[Float[np.ndarray, "parts starts"], Int[np.ndarray, " star
 
 @dataclass(frozen=True)
 class HorizonErrors:
-    """What one model leaves of one quantity after each horizon."""
+    """Prediction errors of one model in one quantity after each horizon."""
 
     model: str  # The model's name
     words: str  # What the model is
     quantity: str  # What is predicted
-    unit: str  # Of what is left
+    unit: str  # Of the errors
     #: Size of predicted less measured; NaN where nothing was measured
     left: Float[np.ndarray, "starts horizons"] = field(repr=False)
     #: Sizes of the changes from the start to the last horizon, measured and predicted
@@ -58,7 +58,7 @@ class HorizonErrors:
 
     @property
     def rms(self) -> tuple[float, ...]:
-        """Root mean square of what is left after each horizon."""
+        """Root-mean-square error after each horizon."""
         return tuple(map(_rms, self.left.T))
 
     @property
@@ -92,14 +92,14 @@ class MultiStepPrediction:
     def ratios(self) -> dict[str, float]:
         """Errors of the fit over those of each simpler model, by its words."""
         results: dict[str, list[float]] = {}
-        for item, *others in self.by_quantity:
-            for other in others:
-                results.setdefault(other.words, []).append(item.rms[-1] / max(other.rms[-1], 1e-300))
+        for item, *simpler in self.by_quantity:
+            for model in simpler:
+                results.setdefault(model.words, []).append(item.rms[-1] / max(model.rms[-1], 1e-300))
         return {words: float(np.exp(np.mean(np.log(ratios)))) for words, ratios in results.items()}
 
     @property
     def predicts(self) -> bool:
-        """Whether the fit leaves less than every simpler model, see `ratios`."""
+        """Whether the fit's errors are smaller than every simpler model's, see `ratios`."""
         return bool(self.errors) and all(ratio <= 1.0 for ratio in self.ratios.values())
 
     @property
@@ -120,12 +120,12 @@ class MultiStepPrediction:
 
     @property
     def _beaten(self) -> str:
-        less: dict[str, list[str]] = {}
-        for item, *others in self.by_quantity:
-            for other in others:
-                if other.rms[-1] < item.rms[-1]:
-                    less.setdefault(other.words, []).append(item.quantity)
-        return "".join(f" '{words}' leaves less of {', '.join(names)}." for words, names in less.items())
+        better: dict[str, list[str]] = {}
+        for item, *simpler in self.by_quantity:
+            for model in simpler:
+                if model.rms[-1] < item.rms[-1]:
+                    better.setdefault(model.words, []).append(item.quantity)
+        return "".join(f" '{words}' leaves less of {', '.join(names)}." for words, names in better.items())
 
 
 @dataclass(frozen=True)
@@ -148,18 +148,18 @@ class Starts:
         results, stride = [], self._stride
         step_s = stride * self.step_s
         for step in range(0, self.steps[-1], stride):
-            now = self.samples + step
-            first = derivative(state, now)
-            second = derivative(np.clip(state + step_s * first, -AWAY, AWAY), now)
-            state = np.clip(state + 0.5 * step_s * (first + second), -AWAY, AWAY)
+            samples = self.samples + step
+            first = derivative(state, samples)
+            second = derivative(np.clip(state + step_s * first, -DIVERGED, DIVERGED), samples)
+            state = np.clip(state + 0.5 * step_s * (first + second), -DIVERGED, DIVERGED)
             if step + stride in self.steps:
                 results.append(state)
         return np.stack(results)
 
     def over_step(self, series: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
         """Mean of a series, taken as a line between samples, over the step that begins at each sample."""
-        between = 0.5 * (series[..., :-1] + series[..., 1:])
-        return self.over_steps(np.concatenate([series[..., :1], between], axis=-1))
+        means = 0.5 * (series[..., :-1] + series[..., 1:])
+        return self.over_steps(np.concatenate([series[..., :1], means], axis=-1))
 
     def over_steps(self, means: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
         """Mean over the step that begins at each sample, of means over the steps that end at samples."""
@@ -169,23 +169,23 @@ class Starts:
 
     @property
     def _stride(self) -> int:
-        most = max(int(LONGEST_STEP_S / self.step_s + 1e-9), 1)
-        return max(index for index in range(1, most + 1) if all(step % index == 0 for step in self.steps))
+        longest = max(int(LONGEST_STEP_S / self.step_s + 1e-9), 1)
+        return max(index for index in range(1, longest + 1) if all(step % index == 0 for step in self.steps))
 
 
 def starts_of(
-    flight: PreparedFlight, horizons_s: tuple[float, ...] = HORIZONS_S, between_s: float = BETWEEN_STARTS_S
+    flight: PreparedFlight, horizons_s: tuple[float, ...] = HORIZONS_S, spacing_s: float = START_SPACING_S
 ) -> Starts:
     """Starts at even distances in every run of a flight, as soon as its actuators' states are known."""
     step_s = flight.signals.step_s
     steps = tuple(dict.fromkeys(max(round(horizon / step_s), 1) for horizon in horizons_s))
     broken = np.concatenate([[0], np.cumsum(~flight.usable)])
-    every = max(round(between_s / step_s), -(-int(flight.used.sum()) // MOST_STARTS))
-    known = ceil(RECOVERY_S / step_s)
-    results = [np.arange(max(run.start, known), run.stop - steps[-1], every) for run in flight.runs]
+    spacing = max(round(spacing_s / step_s), -(-int(flight.used.sum()) // MOST_STARTS))
+    recovery = ceil(RECOVERY_S / step_s)
+    results = [np.arange(max(run.start, recovery), run.stop - steps[-1], spacing) for run in flight.runs]
     samples = np.concatenate([*results, np.empty(0, dtype=np.int64)]).astype(np.int64)
-    whole = broken[samples + steps[-1] + 1] == broken[samples]
-    return Starts(samples[whole], steps, step_s)
+    complete = broken[samples + steps[-1] + 1] == broken[samples]
+    return Starts(samples[complete], steps, step_s)
 
 
 def multi_step_predictions(
@@ -193,25 +193,25 @@ def multi_step_predictions(
     errors: Callable[[int, Starts], Iterable[HorizonErrors]],
     omitted: tuple[str, ...],
 ) -> MultiStepPrediction:
-    """Predictions of flights by number, one after the other; what nothing was measured of is left out."""
+    """Predictions of flights, joined over flights; quantities that were not measured are omitted."""
     starts, joined = [starts_of(flight) for flight in flights], []
-    by_flight = [tuple(errors(number, at)) for number, at in enumerate(starts)]
+    by_flight = [tuple(errors(number, of_flight)) for number, of_flight in enumerate(starts)]
     for parts in zip(*filter(None, by_flight), strict=True):
         left = np.concatenate([part.left for part in parts])
         series = [part.series for part in parts if part.series is not None]
         if np.isfinite(left).any(axis=0).all():
             changes = np.concatenate([part.changes for part in parts])
-            both = np.concatenate(series) if series else None
-            joined.append(replace(parts[0], left=left, changes=changes, series=both))
-    times = [flight.grid.time_s[at.samples] for flight, at in zip(flights, starts, strict=True)]
+            joined_series = np.concatenate(series) if series else None
+            joined.append(replace(parts[0], left=left, changes=changes, series=joined_series))
+    times = [flight.grid.time_s[of_flight.samples] for flight, of_flight in zip(flights, starts, strict=True)]
     return MultiStepPrediction(tuple(joined), np.concatenate([*times, np.empty(0)]), omitted)
 
 
-def trim(flight: PreparedFlight, left: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Mean of what an equation leaves over each run, on the samples of that run; zero elsewhere."""
-    result = np.zeros(left.size)
+def trim(flight: PreparedFlight, residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Mean residual of an equation over each run, on its samples; zero elsewhere."""
+    result = np.zeros(residual.size)
     for run, samples in zip(flight.runs, flight.samples_of_runs, strict=True):
-        result[run] = left[samples].mean()
+        result[run] = residual[samples].mean()
     return result
 
 
@@ -385,10 +385,10 @@ class MotionTables(msgspec.Struct, frozen=True):
 def motion_tables(package: str) -> MotionTables:
     """Return the tables of a package; of quantities, what is not given is as of all motions or as usual."""
     tables = package_tables(package, "motion.toml")
-    for name, given in tables["quantities"].items():
-        unit = given.get("unit", "").replace("^2", "²").replace("^3", "³")
-        usual = {"words": name.replace("_", " "), "shown_unit": unit} | LAG_TABLES.get(name, {})
-        tables["quantities"][name] = usual | given
+    for name, declared in tables["quantities"].items():
+        unit = declared.get("unit", "").replace("^2", "²").replace("^3", "³")
+        defaults = {"words": name.replace("_", " "), "shown_unit": unit} | LAG_TABLES.get(name, {})
+        tables["quantities"][name] = defaults | declared
     return msgspec.convert(tables, MotionTables)
 
 
@@ -404,5 +404,5 @@ def of_vehicle(motion: Motion[Any], vehicle: str) -> Motion[Any]:
 
 def for_flights(motion: Motion[Any], flights: Flights, options: FlightOptions) -> Motion[Any]:
     """Return the motion with the requested terms, and what all flights say together."""
-    made = motion.abilities.for_flights
-    return motion if made is None else made(flights, options)
+    specialised = motion.abilities.for_flights
+    return motion if specialised is None else specialised(flights, options)

@@ -85,22 +85,22 @@ def bootstrap_flights(
         raise UsageError("a pool with an estimate", "one without", remedy)
     pool = pool_flights(fitted.problem, fitted.estimate)
     quantities = _quantities_of_draws(fit.motion, fitted.problem, pool)
-    whole, random, rows = quantities(pool.full, np.ones(len(pool.flights))), np.random.default_rng(seed), []
+    full, random, rows = quantities(pool.full, np.ones(len(pool.flights))), np.random.default_rng(seed), []
     for _ in range(runs):
         try:
             rows.append(list(quantities(*pool.replicate(random)).values()))
         except (EivorError, np.linalg.LinAlgError):
             continue
-    made = np.array(rows).reshape(-1, len(whole))
+    draws = np.array(rows).reshape(-1, len(full))
     nuisances = [nuisance.parameter for nuisance in fitted.problem.nuisances]
     units = {name: wording.unit for name, wording in fit.motion.quantities.items()}
     units |= {item.name: item.unit for item in (*nuisances, *fitted.estimate.joint_parameters)}
     return Bootstrap(
-        tuple(whole),
-        tuple(units[name] for name in whole),
-        np.array(list(whole.values())),
-        made,
-        runs - made.shape[0],
+        tuple(full),
+        tuple(units[name] for name in full),
+        np.array(list(full.values())),
+        draws,
+        runs - draws.shape[0],
         len(pool.flights),
         float("nan"),
         None if isinstance(seed, np.random.Generator) else seed,
@@ -110,10 +110,10 @@ def bootstrap_flights(
 def _quantities_of_draws(
     motion: Motion[Any], problem: SeparableProblem, pool: PoolFlights
 ) -> Callable[[Replicate, Float[np.ndarray, " F"]], Mapping[str, float]]:
-    """How a replicate, and how often each flight is drawn, become quantities of the motion."""
+    """Function from a replicate, and the draws of each flight, to quantities of the motion."""
     names, flights = [parameter.name for parameter in pool.parameters], list(pool.flights)
     resampling = motion.abilities.resampling
-    nodes = [{} if resampling is None else resampling.sums(problem, each) for each in pool.nodes.points]
+    nodes = [{} if resampling is None else resampling.sums(problem, point) for point in pool.nodes.points]
     at_nodes = {name: np.stack([node[name][flights] for node in nodes], axis=1) for name in nodes[0]}
 
     def quantities(replicate: Replicate, times: Float[np.ndarray, " F"]) -> Mapping[str, float]:
@@ -121,20 +121,20 @@ def _quantities_of_draws(
         if resampling is None:
             searched = [nuisance.name for nuisance in problem.nuisances if nuisance.searched]
             return {**parameters, **{name: replicate.nuisances[name] for name in searched}}
-        sums = {name: float(times @ each @ replicate.weights) for name, each in at_nodes.items()}
+        sums = {name: float(times @ point @ replicate.weights) for name, point in at_nodes.items()}
         return resampling.quantities(problem, parameters, replicate.nuisances, sums)
 
     return quantities
 
 
 def agreement(alone: Sequence[outcome.FitDiagnostics]) -> OverIdentification | None:
-    """Whether the instruments agree in the flights of a pool, each by itself."""
+    """Over-identification test of a pool, combined from those of its single flights."""
     agreements = [item.agreement for item in alone if item.agreement is not None]
     known = sorted(item.p_value for item in agreements if np.isfinite(item.p_value))
     if not known:
         return None
-    half, J = (len(known) + 1) // 2, sum(item.J for item in agreements)
-    p_value = min(len(known) / half * known[half - 1], 1.0)
+    middle, J = (len(known) + 1) // 2, sum(item.J for item in agreements)
+    p_value = min(len(known) / middle * known[middle - 1], 1.0)
     return OverIdentification(J, sum(item.degrees for item in agreements), p_value)
 
 
@@ -144,13 +144,13 @@ def linear_names(pool: Pooled) -> tuple[str, ...]:
 
 
 def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> Iterator[Finding]:
-    """What stands out in a pool."""
+    """Findings about the agreement of a pool's flights."""
     text = " and ".join(motion.quantities[name].words for name in pool.flight_specific)
     if pool.differs:
-        why = f" (p {pool.agreement_p_value:.2g})" if not pool.separate else ""
+        p_words = f" (p {pool.agreement_p_value:.2g})" if not pool.separate else ""
         yield Finding(
             "flights_differ",
-            f"The flights differ in {text}{why}: its value here is their mean, whose interval counts the "
+            f"The flights differ in {text}{p_words}: its value here is their mean, whose interval counts the "
             "differences. Each flight's own is listed by flight.",
         )
     if pool.inflation > 1.0:
@@ -226,7 +226,7 @@ def _result(state: FlightState, members: tuple[Member, ...], chosen: Instruments
     motion, flights = state.motion, tuple(member.flight for member in members)
     logged = replace(state, prepared=tuple(member.logged for member in members), instruments=chosen)
     state, problem = replace(logged, prepared=flights), posed(logged)
-    sensors = motion.abilities.sensors.agreement(problem, logged.flying)
+    sensors = motion.abilities.sensors.agreement(problem, logged.flights)
     if any(flight.corrected for flight in flights):
         problem = posed(state)
     fits = [member.fit for member in members]
@@ -264,7 +264,7 @@ def _result(state: FlightState, members: tuple[Member, ...], chosen: Instruments
         without_prior,
         pool,
         {**{name: item.profile for name, item in sets.items()}, **_known(of_lags)},
-        motion.checks(problem, estimate, state.flying),
+        motion.checks(problem, estimate, state.flights),
     )
     inputs = verdict_inputs(state, fit)
     whole = with_fit(state, fit, inputs)

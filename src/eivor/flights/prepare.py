@@ -33,7 +33,7 @@ LEAST_COUNTED_SHARE = 0.5
 #: Parameters that hold the rate of the loop that issues commands [Hz]: ArduPilot's, and of simulated flights.
 CONTROLLER_RATES = ("SCHED_LOOP_RATE", CONTROLLER_RATE)
 #: So much of a long log is read beside the window: more than actuators remember [s].
-BESIDE_S = 30.0
+MARGIN_READ_S = 30.0
 
 
 def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -> PreparedFlight:
@@ -43,9 +43,9 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     fast = [*selected.commands, *selected.logged_responses]
     grid = common_grid(selected.channels, fast, step_s=selected.step_s)
     clocks = _clocks(log, selected, options.controller_rate_hz)
-    whole = [bridged(command) if command.held else command for command in selected.commands]
-    issued = tuple(as_issued(item, clocks[item.name]) if item.name in clocks else item for item in whole)
-    channels, stands = _gridded(selected, grid, issued)
+    filled = [bridged(command) if command.held else command for command in selected.commands]
+    issued = tuple(as_issued(item, clocks[item.name]) if item.name in clocks else item for item in filled)
+    channels, masks = _gridded(selected, grid, issued)
     if selected.matched_interpolation_filter:
         channels = prepared.matched_interpolation_filter(channels, selected, clocks, grid)
     level = np.stack([channels[command.name] for command in selected.commands], axis=1).mean(axis=1)
@@ -53,18 +53,18 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     inside = np.ones(grid.count, dtype=np.bool_)
     if window is not None:
         inside = (grid.time_s >= window[0]) & (grid.time_s <= window[1])
-    standing = np.logical_and.reduce([inside, active.mask, *stands.values()])
-    usable = standing.copy() if active.counted is None else standing & active.counted
-    for name, least in selected.at_least.items():
-        usable &= channels[name] >= least
-    runs = _runs(standing, usable, grid.step_s)
+    allowed = np.logical_and.reduce([inside, active.mask, *masks.values()])
+    usable = allowed.copy() if active.counted is None else allowed & active.counted
+    for name, limit in selected.at_least.items():
+        usable &= channels[name] >= limit
+    runs = _runs(allowed, usable, grid.step_s)
     used = prepared.mask_of(runs, grid.count) & usable
     candidates = references(log, motion.channels.references, grid, used)
     words = [word for word in options.instruments if word not in {"references", "lags"}]
     named = [name for word in words for name in family_members(word, log.channels) or [word]]
     if named:  # by a user, who may mean one that serves by itself
-        clean = {item.name: item for item in candidates if item.usable and item.exogenous}
-        candidates = tuple(clean.get(name) or named_reference(log, name, grid) for name in named)
+        exogenous = {item.name: item for item in candidates if item.usable and item.exogenous}
+        candidates = tuple(exogenous.get(name) or named_reference(log, name, grid) for name in named)
     channels.update({reference.name: reference.values for reference in candidates if reference.usable})
     measured = (*selected.states.values(), *selected.logged_responses)
     driving = selected.commands if selected.input.measured or isinstance(options.noise, Mapping) else ()
@@ -78,9 +78,9 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     if jump and not selected.matched_interpolation_filter:
         for clock in clocks.values():  # as far as the command is known
             band = clock.band_hz(band)
-    thinned = [clock for clock in clocks.values() if clock.thinned]
+    partial = [clock for clock in clocks.values() if clock.thinned]
     # once for commands that are logged alike
-    by_clock = [Finding("command_clock", text) for text in dict.fromkeys(item.sentence for item in thinned)]
+    by_clock = [Finding("command_clock", text) for text in dict.fromkeys(item.sentence for item in partial)]
     resets = [item for item in candidates if item.usable and item.logged is not None]
     reset = [Finding("reference_reset", f"{item.name}: {item.remark}.") for item in resets]
     return PreparedFlight(
@@ -98,13 +98,13 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         grid,
         selected.measured,
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),
-        unlogged_step_s=max((clock.issued_s for clock in thinned), default=0.0),
-        locked_s=max((clock.locked_s for clock in thinned), default=0.0),
+        unlogged_step_s=max((clock.issued_s for clock in partial), default=0.0),
+        locked_s=max((clock.locked_s for clock in partial), default=0.0),
         noise=listed,
         states=tuple(channel.name for channel in selected.states.values()),
         curve_side=common_side(command.curve_side for command in selected.commands),
         issued=() if selected.matched_interpolation_filter else issued,
-        shortfall=("", "") if runs else _shortfall(motion, selected, grid, inside, stands, active, channels),
+        shortfall=("", "") if runs else _shortfall(motion, selected, grid, inside, masks, active, channels),
     )
 
 
@@ -113,19 +113,19 @@ def part_to_read(log: Recording, window: tuple[float, float] | None) -> Recordin
     if window is None:
         return log
     start, end = interval_within(window, log.span_s)
-    return log.part(start - BESIDE_S, end + BESIDE_S)
+    return log.part(start - MARGIN_READ_S, end + MARGIN_READ_S)
 
 
-def _runs(standing: Mask, usable: Mask, step_s: float) -> list[slice]:
-    """Stretches of standing samples, most of them usable."""
-    bridged, edged = usable.copy(), np.pad(usable, 1)
-    for excursion in stretches(standing & ~usable):
-        inside = edged[excursion.start] and usable[min(excursion.stop, usable.size - 1)]
-        bridged[excursion] = inside and (excursion.stop - excursion.start) * step_s <= LONGEST_EXCURSION_S
+def _runs(allowed: Mask, usable: Mask, step_s: float) -> list[slice]:
+    """Stretches of allowed samples, most of them usable."""
+    filled, padded = usable.copy(), np.pad(usable, 1)
+    for excursion in stretches(allowed & ~usable):
+        inside = padded[excursion.start] and usable[min(excursion.stop, usable.size - 1)]
+        filled[excursion] = inside and (excursion.stop - excursion.start) * step_s <= LONGEST_EXCURSION_S
     # without the last few samples that would make spectra slow
-    quick = (slice(run.start, run.start + fast_length(run.stop - run.start)) for run in stretches(bridged))
-    long = (run for run in quick if usable[run].sum() * step_s >= SHORTEST_RUN_S)
-    runs = [run for run in long if usable[run].mean() >= LEAST_COUNTED_SHARE]
+    fast = (slice(run.start, run.start + fast_length(run.stop - run.start)) for run in stretches(filled))
+    sufficient = (run for run in fast if usable[run].sum() * step_s >= SHORTEST_RUN_S)
+    runs = [run for run in sufficient if usable[run].mean() >= LEAST_COUNTED_SHARE]
     return runs if sum(usable[run].sum() for run in runs) * step_s >= LEAST_USED_S else []
 
 
@@ -134,27 +134,27 @@ def _shortfall(
     selected: prepared.Selection,
     grid: Grid,
     inside: Mask,
-    stands: Mapping[str, Mask],
+    masks: Mapping[str, Mask],
     active: Active,
     channels: Mapping[str, Float[np.ndarray, " n"]],
 ) -> tuple[str, str]:
-    """The condition that fails most, in words, and its remedy."""
+    """The condition that fails most often, in words, and its remedy."""
     words, loosen = motion.words, motion.words.loosen
     whole_s, window_s = grid.count * grid.step_s, float(inside.sum()) * grid.step_s
     if whole_s < LEAST_USED_S:
         return f"it covers {whole_s:.2g} s", "Log for longer, or check the unit of its clock."
     if window_s < LEAST_USED_S:
         return f"the window holds {window_s:.2g} s of it", "Widen the window."
-    holds = [(mask, f"have no {name}", f"Log {name} without gaps.") for name, mask in stands.items()]
-    holds.append((active.mask, f"are not {words.where} (by {active.rule})", words.another_log))
+    conditions = [(mask, f"have no {name}", f"Log {name} without gaps.") for name, mask in masks.items()]
+    conditions.append((active.mask, f"are not {words.where} (by {active.rule})", words.another_log))
     if active.counted is not None:
-        holds.append((active.counted, "are beyond what the motion describes", loosen))
-    holds += [
-        (channels[name] >= least, f"have a {name} below {least:.2g}", loosen)
-        for name, least in selected.at_least.items()
+        conditions.append((active.counted, "are beyond what the motion describes", loosen))
+    conditions += [
+        (channels[name] >= limit, f"have a {name} below {limit:.2g}", loosen)
+        for name, limit in selected.at_least.items()
     ]
-    mask, what, remedy = min(holds, key=lambda item: float(item[0][inside].mean()))
-    return f"{1.0 - float(mask[inside].mean()):.0%} of its samples {what}", remedy
+    mask, words_of_failure, remedy = min(conditions, key=lambda item: float(item[0][inside].mean()))
+    return f"{1.0 - float(mask[inside].mean()):.0%} of its samples {words_of_failure}", remedy
 
 
 def _selected(
@@ -177,7 +177,7 @@ def _selected(
 
 
 def _clocks(log: Recording, selected: prepared.Selection, rate_hz: float | None) -> dict[str, Clock]:
-    """When each held command was logged and issued, at a rate that is given or among the log's parameters."""
+    """Clock of each held command, by a given rate, a parameter of the log or its stamps."""
     rates = (rate_hz, *(log.parameters.get(name) for name in CONTROLLER_RATES))
     known_hz = next((rate for rate in rates if rate), None)
     names = {command.name for command in selected.commands}
@@ -199,19 +199,19 @@ def _clocks(log: Recording, selected: prepared.Selection, rate_hz: float | None)
 def _gridded(
     selected: prepared.Selection, grid: Grid, issued: tuple[Channel, ...]
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], dict[str, Mask]]:
-    """Values of every channel on the grid, and where each of them stands on data."""
+    """Values of every channel on the grid, and masks of those supported by data."""
     commands = {command.name: command for command in issued}
     channels: dict[str, Float[np.ndarray, " n"]] = {}
-    stands: dict[str, Mask] = {}
+    masks: dict[str, Mask] = {}
     for channel in selected.channels:
         name = channel.name
         if name in commands:
-            channels[name], stands[name] = command_on_grid(commands[name], grid)
+            channels[name], masks[name] = command_on_grid(commands[name], grid)
         else:
-            channels[name], stands[name] = on_grid(channel, grid, selected.between(channel))
+            channels[name], masks[name] = on_grid(channel, grid, selected.between(channel))
     for name, value in selected.constants.items():
         channels.setdefault(name, np.full(grid.count, value))
-    return channels, stands
+    return channels, masks
 
 
 #: Distance of samples [s]: shorter than what begins or ends a flight, and than that of slow telemetry.
@@ -238,44 +238,44 @@ def without_duplicates(
     logs: Sequence[Recording], windows: Sequence[Window]
 ) -> tuple[list[tuple[Recording, Window]], list[Finding]]:
     """Logs with their windows, each file's content with the same window once only."""
-    kept: list[tuple[Recording, Window]] = []
+    unique: list[tuple[Recording, Window]] = []
     dropped: list[Finding] = []
     for log, window in zip(logs, windows, strict=True):
-        same = [a.name for a, other in kept if log.sha256 and (a.sha256, other) == (log.sha256, window)]
-        if same:
-            sentence = f"{log.name} has the same content as {same[0]}; it is used once only."
+        twins = [a.name for a, other in unique if log.sha256 and (a.sha256, other) == (log.sha256, window)]
+        if twins:
+            sentence = f"{log.name} has the same content as {twins[0]}; it is used once only."
             dropped.append(Finding("duplicate_log", sentence))
         else:
-            kept.append((log, window))
-    return kept, dropped
+            unique.append((log, window))
+    return unique, dropped
 
 
 def check_poolable(flights: tuple[PreparedFlight, ...], motion: Motion[Any], *, anyway: bool) -> None:
     """Refuse flights with different inputs or maps; unless `anyway`, those of different vehicles."""
     first = flights[0]
-    for other in flights[1:]:
-        what, remedy = "", "Identify them one by one."
-        if first.input_map != other.input_map:
-            what = f"input maps {first.input_map} and {other.input_map}"
-        elif (first.input.name, first.input.measured) != (other.input.name, other.input.measured):
-            what = f"inputs {first.input.name} and {other.input.name}"
-        elif len(first.driving) != len(other.driving):
-            what = f"{len(first.driving)} and {len(other.driving)} rotors"
+    for flight in flights[1:]:
+        difference, remedy = "", "Identify them one by one."
+        if first.input_map != flight.input_map:
+            difference = f"input maps {first.input_map} and {flight.input_map}"
+        elif (first.input.name, first.input.measured) != (flight.input.name, flight.input.measured):
+            difference = f"inputs {first.input.name} and {flight.input.name}"
+        elif len(first.driving) != len(flight.driving):
+            difference = f"{len(first.driving)} and {len(flight.driving)} rotors"
         elif not anyway:
-            what = _vehicle_difference(first, other, motion)
+            difference = _vehicle_difference(first, flight, motion)
             remedy = f"{remedy} Or pool them all the same: --pool-anyway."
-        if what:
-            pair = f"{first.recording.name} and {other.recording.name}"
-            raise PoolingError(f"flights of one vehicle: {pair} alike", what, remedy)
+        if difference:
+            names = f"{first.recording.name} and {flight.recording.name}"
+            raise PoolingError(f"flights of one vehicle: {names} alike", difference, remedy)
 
 
-def _vehicle_difference(first: PreparedFlight, other: PreparedFlight, motion: Motion[Any]) -> str:
+def _vehicle_difference(first: PreparedFlight, second: PreparedFlight, motion: Motion[Any]) -> str:
     for name in motion.channels.vehicle_parameters:
-        values = [flight.recording.parameters.get(name) for flight in (first, other)]
+        values = [flight.recording.parameters.get(name) for flight in (first, second)]
         # a log that lacks a parameter is of another firmware, not of another vehicle
         if None not in values and values[0] != values[1]:
             return f"{name} = {values[0]} and {values[1]}"
-    levels = [flight.input_level for flight in (first, other) if flight.runs]
+    levels = [flight.input_level for flight in (first, second) if flight.runs]
     if len(levels) == 2 and max(levels) > prepared.LARGEST_INPUT_RATIO * min(levels):
         return f"inputs of {levels[0]:.4g} and {levels[1]:.4g} on average, which are not on one scale"
     return ""

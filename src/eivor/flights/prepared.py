@@ -14,7 +14,7 @@ from eivor import errors
 from eivor.errors import EstimationError, InputError
 from eivor.estimation.methods import identify, reference_iv
 from eivor.flights import grid as grids
-from eivor.flights.grid import Active, Between, Grid, airborne_by_log, around, courses_on_grid, curve_between
+from eivor.flights.grid import Active, Grid, Interpolant, airborne_by_log, courses_on_grid, cubic, with_memory
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import PlotData
 from eivor.flights.references import NoiseLevel, Reference
@@ -190,10 +190,10 @@ class Selection:
     #: Samples during which the motion holds, by the input's level; for what flies: while it is in the air
     active: Callable[[Recording, Grid, Float[np.ndarray, " n"]], Active] = airborne_by_log
 
-    def between(self, channel: Channel) -> Between:
+    def between(self, channel: Channel) -> Interpolant:
         """What a channel was between its stamps."""
         measured = any(channel is item for item in (*self.states.values(), *self.responses.values()))
-        return curve_between if measured and not self.matched_interpolation_filter else grids.line_between
+        return cubic if measured and not self.matched_interpolation_filter else grids.linear
 
     @property
     def logged_responses(self) -> tuple[Channel, ...]:
@@ -238,39 +238,39 @@ def check_vehicle(log: Recording, options: FlightOptions, *also: str) -> None:
 
 
 def chosen_input(
-    log: Recording, families: tuple[InputFamily, ...], wanted: str, *, remedy: str
+    log: Recording, families: tuple[InputFamily, ...], requested: str, *, remedy: str
 ) -> tuple[InputFamily, tuple[Channel, ...]]:
-    """Family and channels of the input: the one that is wanted, or the first that the log has."""
-    if wanted:
-        name = wanted.rstrip("*").rstrip("_")
+    """Family and channels of the input: the requested one, or the first that the log has."""
+    if requested:
+        name = requested.rstrip("*").rstrip("_")
         channels = log.family(name)
         if not channels:
             expected = f"an input out of the channels of {log.name}"
             known = [*log.channels, *(family.name for family in families if log.family(family.name))]
             remedy = f"Name one that eivor inspect lists, or a family such as {families[0].name}."
-            raise errors.UsageError(expected, f"'{wanted}'", errors.did_you_mean(name, known, remedy))
+            raise errors.UsageError(expected, f"'{requested}'", errors.did_you_mean(name, known, remedy))
         stem, _, number = name.rpartition("_")
-        called = {name, stem} if number.isdecimal() else {name}
-        known_family = next((family for family in families if family.name in called), InputFamily(name))
+        family_names = {name, stem} if number.isdecimal() else {name}
+        known_family = next((family for family in families if family.name in family_names), InputFamily(name))
         return replace(known_family, name=name), tuple(channels)
     logged = [(family, tuple(channels)) for family in families if (channels := log.family(family.name))]
     for family, members in logged:
         if min(channel.rate_hz for channel in members) >= family.least_rate_hz:
-            return family, _checked(log, family, members)
+            return family, _complete(log, family, members)
     if logged:
-        return logged[0][0], _checked(log, *logged[0])
+        return logged[0][0], _complete(log, *logged[0])
     sources = sorted({source for family in families for source in log.looked_for.get(family.name, ())})
-    looked = f" (looked for: {', '.join(sources)})" if sources else ""
+    looked_for = f" (looked for: {', '.join(sources)})" if sources else ""
     names = [f"{family.name}_1.." if family.numbered else family.name for family in families]
     raise errors.MissingChannelError(
         f"an input in {log.name}: {', or '.join([', '.join(names[:-1]), names[-1]] if names[1:] else names)}",
-        f"a log without one{looked}",
+        f"a log without one{looked_for}",
         f"{remedy}, or name a channel with --input.",
     )
 
 
-def _checked(log: Recording, family: InputFamily, members: tuple[Channel, ...]) -> tuple[Channel, ...]:
-    """Refuse rotors that are not all there, or whose commands are not on one scale."""
+def _complete(log: Recording, family: InputFamily, members: tuple[Channel, ...]) -> tuple[Channel, ...]:
+    """Members of a family; missing rotors and commands on different scales are refused."""
     if not (family.numbered and family.input_map == "square"):
         return members
     numbers = {int(item.name.rpartition("_")[2]) for item in members}
@@ -278,50 +278,50 @@ def _checked(log: Recording, family: InputFamily, members: tuple[Channel, ...]) 
     if missing := [f"{family.name}_{number}" for number in range(1, max(numbers)) if number not in numbers]:
         expected = f"values of each {family.name}, 1 to {max(numbers)}, in {log.name}"
         raise InputError(expected, f"none of {', '.join(missing)}", f"Log it. {remedy}")
-    known = ((np.abs(item.values[np.isfinite(item.values)]), item.name) for item in members)
-    sizes = sorted((float(np.quantile(values, 0.95)), name) for values, name in known if values.any())
+    magnitudes = ((np.abs(item.values[np.isfinite(item.values)]), item.name) for item in members)
+    sizes = sorted((float(np.quantile(values, 0.95)), name) for values, name in magnitudes if values.any())
     if not sizes:
         return members
-    (least, first), (most, last) = sizes[0], sizes[-1]
-    if most > LARGEST_INPUT_RATIO * least > 0.0:
+    (low, first), (high, last) = sizes[0], sizes[-1]
+    if high > LARGEST_INPUT_RATIO * low > 0.0:
         expected = f"each {family.name} of {log.name} on one scale"
-        raise InputError(expected, f"{last} of {most:.4g} and {first} of {least:.4g}", remedy)
+        raise InputError(expected, f"{last} of {high:.4g} and {first} of {low:.4g}", remedy)
     return members
 
 
 def matched_interpolation_filter(
     channels: dict[str, Float[np.ndarray, " n"]], selected: Selection, clocks: dict[str, Clock], grid: Grid
 ) -> dict[str, Float[np.ndarray, " n"]]:
-    """Channels on a grid, commands and what was measured spread by each other's triangles."""
+    """Channels on a grid, each smoothed by the interpolation kernel of the others."""
     measured = (*selected.states.values(), *selected.logged_responses)
     thinned = [clock for clock in clocks.values() if clock.thinned]
     commanded_s = max((clock.logged_s for clock in thinned), default=0.0)
     # a step of the grid holds the mean of the line over it, longer than a command was held
-    held = max(1.0 - (max((clock.issued_s for clock in thinned), default=np.inf) / grid.step_s) ** 2, 0.0)
+    share = max(1.0 - (max((clock.issued_s for clock in thinned), default=np.inf) / grid.step_s) ** 2, 0.0)
     measured_s = max(1.0 / item.rate_hz for item in measured)
-    spread = dict(channels)
+    filtered = dict(channels)
     for entry in measured:
-        # what was measured faster than others waits for them
-        others = measured_s if 1.0 / entry.rate_hz < measured_s else 0.0
-        by_line = triangle_mean(spread[entry.name], grid, commanded_s, held)
-        spread[entry.name] = triangle_mean(by_line, grid, others)
+        # a faster channel is smoothed like the slowest
+        wait_s = measured_s if 1.0 / entry.rate_hz < measured_s else 0.0
+        interpolated = triangle_mean(filtered[entry.name], grid, commanded_s, share)
+        filtered[entry.name] = triangle_mean(interpolated, grid, wait_s)
     for command in selected.commands:
-        spread[command.name] = triangle_mean(spread[command.name], grid, measured_s)
-    return spread
+        filtered[command.name] = triangle_mean(filtered[command.name], grid, measured_s)
+    return filtered
 
 
 def triangle_mean(
     values: Float[np.ndarray, " n"], grid: Grid, width_s: float, held: float = 0.0
 ) -> Float[np.ndarray, " n"]:
-    """Mean around each sample, weighted by a triangle of so long a half; so much is held over a step."""
-    reach = max(int(np.ceil(width_s / grid.step_s)) - 1, 0)
-    if not (reach or held):
+    """Mean around each sample by a triangular kernel, with a share held over a step."""
+    half = max(int(np.ceil(width_s / grid.step_s)) - 1, 0)
+    if not (half or held):
         return values
-    weights = 1.0 - np.abs(np.arange(-reach, reach + 1)) * grid.step_s / width_s
+    weights = 1.0 - np.abs(np.arange(-half, half + 1)) * grid.step_s / width_s
     # the variance of line and hold, of which samples of a triangle lack a third of a step's square
     weights = np.convolve(weights / weights.sum(), np.array([held, 6.0 - 2.0 * held, held]) / 6.0)
-    ends, reach = np.cumsum([len(piece) for piece in grid.pieces]), reach + 1
-    padded = [np.pad(part, reach, mode="edge") for part in np.split(values, ends[:-1])]
+    piece_ends, half = np.cumsum([len(piece) for piece in grid.pieces]), half + 1
+    padded = [np.pad(part, half, mode="edge") for part in np.split(values, piece_ends[:-1])]
     return np.concatenate([np.convolve(part, weights, mode="valid") for part in padded])
 
 
@@ -336,7 +336,7 @@ RATE, LEVEL = "command_rate_limit", "command_level_limit"
 
 
 class CommandLimit(NamedTuple):
-    """What commands act within."""
+    """Limit of the commands' rate or level."""
 
     kind: str
     value: float  # The largest rate [1/s], or the largest command
@@ -378,42 +378,42 @@ class PreparedFlight:
 
     @cached_property
     def shortened(self) -> PreparedFlight:
-        """The same flight with the samples that its runs need and no others, whatever lies between them."""
-        kept = around(mask_of(self.runs, self.usable.size), self.grid)
-        if kept.all() or not self.runs:
+        """The flight with only the samples that its runs need."""
+        mask = with_memory(mask_of(self.runs, self.usable.size), self.grid)
+        if mask.all() or not self.runs:
             return self
-        position = np.cumsum(kept) - 1
+        position = np.cumsum(mask) - 1
         signals = replace(
             self.signals,
-            channels={name: values[kept] for name, values in self.signals.channels.items()},
-            valid=self.usable[kept],
+            channels={name: values[mask] for name, values in self.signals.channels.items()},
+            valid=self.usable[mask],
         )
-        cut = [replace(item, values=item.values[kept], logged=None) for item in self.references]
+        references = [replace(item, values=item.values[mask], logged=None) for item in self.references]
         return replace(
             self,
             signals=signals,
             runs=tuple(slice(int(position[run.start]), int(position[run.stop - 1]) + 1) for run in self.runs),
-            references=tuple(cut),
-            active=replace(self.active, mask=self.active.mask[kept]),
-            usable=self.usable[kept],
-            grid=self.grid.kept(kept),
+            references=tuple(references),
+            active=replace(self.active, mask=self.active.mask[mask]),
+            usable=self.usable[mask],
+            grid=self.grid.select(mask),
         )
 
     def acting(self, limits: Sequence[CommandLimit]) -> Float[np.ndarray, "n m k"]:
-        """Commands on the grid as they act within each of some limits: of rate first, then of level."""
+        """Commands on the grid under each of the limits: of rate first, then of level."""
         rates, levels = (np.array([x.value for x in limits if x.kind == kind]) for kind in (RATE, LEVEL))
 
         def on_grid(command: Channel) -> Float[np.ndarray, "n k"]:
             ends = self.grid.time_s[[0, -1]] + [-2.0 * CAUGHT_UP_S, CAUGHT_UP_S]
-            near = slice(*np.searchsorted(command.time_s, ends).tolist())
-            part = replace(command, time_s=command.time_s[near], values=command.values[near])
+            window = slice(*np.searchsorted(command.time_s, ends).tolist())
+            part = replace(command, time_s=command.time_s[window], values=command.values[window])
             made = (*rate_limited(part.values, part.time_s, rates), *np.minimum(part.values, levels[:, None]))
             return courses_on_grid(part, np.stack(made), self.grid).T
 
         return np.stack([on_grid(command) for command in self.issued], axis=1)
 
     def within(self, limit: CommandLimit) -> PreparedFlight:
-        """The flight with commands as they act within a limit."""
+        """The flight with commands under a limit."""
         acting = self.acting([limit])[:, :, 0].T
         channels = dict(zip((command.name for command in self.issued), acting, strict=True))
         signals = replace(self.signals, channels={**self.signals.channels, **channels})
@@ -438,8 +438,8 @@ class PreparedFlight:
 
     def plot_data(self, label: str, *, of: str, reference: str = "", scale: float = 1.0) -> PlotData:
         """A channel of the signals to look at, and its reference where the log has one."""
-        wanted = self.reference_on_grid(reference) if reference else None
-        reference_values = None if wanted is None else scale * self.where_logged(wanted, reference)
+        series = self.reference_on_grid(reference) if reference else None
+        reference_values = None if series is None else scale * self.where_logged(series, reference)
         return PlotData(label, scale * self.where_logged(self.signals.channel(of), of), reference_values)
 
     @property
@@ -496,8 +496,8 @@ class PreparedFlight:
     def constant_input(self) -> bool:
         """The input does not vary over the runs."""
         level = self.used_input
-        least = CONSTANT_INPUT_SHARE * max(float(np.abs(level).max(initial=0.0)), 1e-12)
-        return bool(self.runs) and float(level.std(axis=0).max()) <= least
+        threshold = CONSTANT_INPUT_SHARE * max(float(np.abs(level).max(initial=0.0)), 1e-12)
+        return bool(self.runs) and float(level.std(axis=0).max()) <= threshold
 
 
 def deviations(flights: Sequence[PreparedFlight], channels: Iterable[tuple[str, str, str, float]]) -> str:

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from eivor.errors import MissingNoiseError, UsageError, did_you_mean
-from eivor.flights.grid import Between, Grid, Mask, Series, line_between, on_grid
+from eivor.flights.grid import Grid, Interpolant, Mask, Series, linear, on_grid
 from eivor.signals.channels import canonical_channel, family_members, roll_pitch_yaw, unit_of
 from eivor.signals.filters import lagged_between_stamps
 from eivor.signals.noise import LARGEST_STD
@@ -49,7 +49,7 @@ def noise_levels(
     channels: Iterable[Channel],
     noise: Mapping[str, Declared] | str | None,
     on: tuple[Grid, Mask, Mapping[str, Series]],
-    between: Callable[[Channel], Between],
+    between: Callable[[Channel], Interpolant],
 ) -> dict[str, NoiseLevel]:
     """Noise of each channel that was measured."""
     measured = {channel.name: channel for channel in channels}
@@ -103,7 +103,7 @@ def white_noise_std(values: Series) -> float:
     return float(np.median(np.abs(third)) / 0.6744897501960817 / np.sqrt(20.0))
 
 
-def share_left(channel: Channel, grid: Grid, used: Mask, between: Between = line_between) -> float:
+def share_left(channel: Channel, grid: Grid, used: Mask, between: Interpolant = linear) -> float:
     """Variance on the grid of noise that is white from stamp to stamp, over its variance there."""
     if not used.any():
         return 1.0
