@@ -145,7 +145,7 @@ def test_no_output_replaces_an_input(eivor, tmp_path, monkeypatch, words, source
     assert isinstance(writes, outputs.Writes)
     (tmp_path / "sub").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
-    inside = Path(writes.inside[0].replace("*", "0")) if writes.inside else Path()
+    inside = Path(writes.patterns[0].replace("*", "0")) if writes.patterns else Path()
     target = tmp_path / "target.toml" / inside
     read = tmp_path / "read"
     if reads.paths is outputs.fleet_paths:
@@ -179,8 +179,8 @@ def test_no_output_replaces_an_input(eivor, tmp_path, monkeypatch, words, source
 def test_two_outputs_are_two_files(eivor, tmp_path, monkeypatch, words, first, second):
     (tmp_path / "sub").mkdir()
     monkeypatch.chdir(tmp_path)
-    folders = [item for item in (first, second) if position_of(words, item).inside]  # type: ignore[union-attr]
-    inside = position_of(words, folders[0]).inside[0].replace("*", "0") if folders else ""  # type: ignore[union-attr]
+    folders = [item for item in (first, second) if position_of(words, item).patterns]  # type: ignore[union-attr]
+    inside = position_of(words, folders[0]).patterns[0].replace("*", "0") if folders else ""  # type: ignore[union-attr]
     for text in ("target.x", "sub/../target.x", "TARGET.X", str(tmp_path / "target.x")):
         texts = {
             item.name: (item, "target.x" if item in folders else f"{text}/{inside}".rstrip("/"))
