@@ -19,7 +19,7 @@ from eivor.motions.vertical.predict import controller_gains
 from eivor.planning import plan as planning
 from eivor.planning import vehicle as vehicles
 from eivor.planning.plan import ExpectedWidth, csv_text, levels, mavsdk_text, qgc_text, ranked_std_errors
-from eivor.planning.vehicle import ROOM, STEP_S, Shape, candidates, vehicle_of_result
+from eivor.planning.vehicle import STEP_S, USED_SHARE, Shape, candidates, vehicle_of_result
 from eivor.report.other_results import plan_document, plan_json
 from eivor.report.terminal import on_terminal
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
@@ -74,7 +74,7 @@ def test_shapes_keep_their_limits_and_rest_at_the_ends(kind):
     assert len(shapes) > 10
     for shape in shapes:
         velocity, acceleration = shape.derivatives
-        limits = (ROOM * 1.5, ROOM * LIMITS.speed, LIMITS.acceleration)
+        limits = (USED_SHARE * 1.5, USED_SHARE * LIMITS.speed, LIMITS.acceleration)
         used = zip((shape.offset, velocity, acceleration), limits, strict=True)
         assert max(np.abs(series).max() / limit for series, limit in used) == pytest.approx(1.0)
         assert shape.offset.size == round(LIMITS.duration_s / STEP_S)
@@ -122,7 +122,7 @@ def test_a_plan_is_chosen_by_flying_it(monkeypatch):
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_flight_that_cannot_keep_its_limits_is_refused(monkeypatch):
-    for name in ("FINALISTS", "RUNS", "OFTEN"):
+    for name in ("FINALISTS", "RUNS", "MOST_SHRINKS"):
         monkeypatch.setattr(planning, name, 1)
     tight = ev.FlightLimits(height_m=(2.0, 2.5), speed=0.2, duration_s=20.0)
     with pytest.raises(InputError, match="a flight that keeps its limits"):

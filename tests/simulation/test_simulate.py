@@ -43,7 +43,7 @@ from eivor.simulation.rigid_body import (
     Wind,
     log_of_rigid_body_flight,
     quaternions,
-    rotor_course,
+    rotor_response,
     runge_kutta,
     simulate_rigid_body_flights,
     viscous_friction,
@@ -569,7 +569,7 @@ def test_small_steps_agree_with_scipys_integrator():
     bodies, _ = flown(c, body, speeds, command, step_s=0.001, seconds=0.1, wind=wind)
 
     def slope(time, state):
-        now = rotor_course(c, time)(speeds, command)
+        now = rotor_response(c, time)(speeds, command)
         change = speed_derivative(c, now, command)
         return body_derivative(c, state.tolist(), now, change, wind, STILL)
 

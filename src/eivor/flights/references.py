@@ -48,13 +48,13 @@ def noise_levels(
     log: Recording,
     channels: Iterable[Channel],
     noise: Mapping[str, Declared] | str | None,
-    on: tuple[Grid, Mask, Mapping[str, Series]],
+    grid_data: tuple[Grid, Mask, Mapping[str, Series]],
     between: Callable[[Channel], Interpolant],
 ) -> dict[str, NoiseLevel]:
     """Noise of each channel that was measured."""
     measured = {channel.name: channel for channel in channels}
     declared = _by_channel(log, measured, {} if noise is None or isinstance(noise, str) else noise)
-    grid, used, values = on
+    grid, used, values = grid_data
     levels = {}
     for name, channel in measured.items():
         source, logged = "declared", declared.get(name)
@@ -70,8 +70,8 @@ def noise_levels(
             level = white_noise_std(values[name][used])
             levels[name] = NoiseLevel(level, level, unit_of(name))
         else:
-            left = 1.0 if channel.held else share_left(channel, grid, used, between(channel))
-            std = logged * math.sqrt(left)
+            share = 1.0 if channel.held else share_left(channel, grid, used, between(channel))
+            std = logged * math.sqrt(share)
             density = logged * math.sqrt(2.0 / channel.rate_hz) if channel.rate_hz else math.nan
             levels[name] = NoiseLevel(std, logged, unit_of(name), source, density)
     return levels
@@ -80,7 +80,7 @@ def noise_levels(
 def _by_channel(
     log: Recording, measured: Mapping[str, Channel], noise: Mapping[str, Declared]
 ) -> dict[str, Declared]:
-    """What is declared by channel, that of a family for each of its members."""
+    """Declared noise by channel, that of a family for each of its members."""
     known = dict.fromkeys((*measured, *log.channels))
     declareds: dict[str, Declared] = {}
     for name, declared in noise.items():
@@ -107,19 +107,19 @@ def share_left(channel: Channel, grid: Grid, used: Mask, between: Interpolant = 
     """Variance on the grid of noise that is white from stamp to stamp, over its variance there."""
     if not used.any():
         return 1.0
-    separated = math.ceil(grid.step_s * channel.rate_hz) + 3
-    chosen = np.unique(np.linspace(0, separated - 1, min(separated, COMBS)).round().astype(np.int64))
-    position, known = np.arange(channel.values.size) % separated, np.isfinite(channel.values)
+    period = math.ceil(grid.step_s * channel.rate_hz) + 3
+    offsets = np.unique(np.linspace(0, period - 1, min(period, COMBS)).round().astype(np.int64))
+    position, finite = np.arange(channel.values.size) % period, np.isfinite(channel.values)
     total = 0.0
-    for first in chosen.tolist():
-        comb = np.where(known, (position == first).astype(np.float64), np.nan)
+    for offset in offsets.tolist():
+        comb = np.where(finite, (position == offset).astype(np.float64), np.nan)
         weights, _ = on_grid(Channel(channel.name, channel.time_s, comb, channel.unit), grid, between)
         total += float(np.mean(weights[used] ** 2))
-    return total * separated / chosen.size
+    return total * period / offsets.size
 
 
 def check_declared(needed: Iterable[tuple[Mapping[str, NoiseLevel], Sequence[str]]], method: str) -> None:
-    """Refuse to estimate with noises that nothing is declared of."""
+    """Refuse to estimate without the noises that a method needs."""
     words: dict[str, str] = {}
     for levels, names in needed:
         for name in names:
@@ -137,13 +137,13 @@ def check_declared(needed: Iterable[tuple[Mapping[str, NoiseLevel], Sequence[str
 
 
 def noise_findings(levels: Mapping[str, NoiseLevel]) -> list[Finding]:
-    """What was taken for the noise of each channel that something is declared of."""
+    """Findings about declared noises."""
     texts = [f"{name} {level.sentence}" for name, level in levels.items() if level.source]
     return [Finding("noise", f"Measurement noise: {'; '.join(texts)}.")] if texts else []
 
 
 def check_noise(noise: object) -> None:
-    """Refuse what declares no noise."""
+    """Refuse what is no declaration of noise."""
     if noise is None or (isinstance(noise, str) and noise == ESTIMATE):
         return
     if not isinstance(noise, Mapping):
@@ -217,14 +217,14 @@ def references(
     recording: Recording, sources: tuple[ReferenceSource, ...], grid: Grid, used: Mask
 ) -> tuple[Reference, ...]:
     """Every source in the log, judged over the samples `used`; feedback only when nothing else serves."""
-    offered = [source for source in sources if source.channel in recording.channels]
-    offered = [source for source in offered if not source.open_loop or source.open_loop in recording.channels]
+    known = [source for source in sources if source.channel in recording.channels]
+    known = [source for source in known if not source.open_loop or source.open_loop in recording.channels]
     judged: dict[str, Reference] = {}
-    for axis in dict.fromkeys(source.axis for source in offered):
-        of_axis = [source for source in offered if source.axis == axis]
+    for axis in dict.fromkeys(source.axis for source in known):
+        of_axis = [source for source in known if source.axis == axis]
         results = [_reference(recording, source, grid, used) for source in of_axis]
         judged.update({item.name: item for item in _preferred(results, of_axis)})
-    return tuple(judged[source.channel] for source in offered)
+    return tuple(judged[source.channel] for source in known)
 
 
 def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[Reference]:
@@ -233,27 +233,27 @@ def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[
     if any(item.usable and item.exogenous and not source.distant for item, source in pairs):
         closer = partial(replace, usable=False, remark="others act closer to the axis")
         result = [closer(item) if item.usable and source.distant else item for item, source in pairs]
-    serving, why = [item.name for item in result if item.exogenous], "contains feedback; others serve"
-    alone = [reference.name for reference, source in pairs if reference.usable and source.open_loop]
-    if alone:
-        serving, why = alone, f"{alone[0]}, which follows it openly, serves"
+    chosen, reason = [item.name for item in result if item.exogenous], "contains feedback; others serve"
+    open_loop = [reference.name for reference, source in pairs if reference.usable and source.open_loop]
+    if open_loop:
+        chosen, reason = open_loop, f"{open_loop[0]}, which follows it openly, serves"
     elif not any(reference.usable and reference.exogenous for reference in result):
         # constant references of position leave that loop's setpoints only feedback
-        followed = [item for item, source in pairs if source.distant or source.measured]
-        held = [item.name for item in followed if item.remark == CONSTANT]
-        if not held:
+        upstream = [item for item, source in pairs if source.distant or source.measured]
+        constant = [item.name for item in upstream if item.remark == CONSTANT]
+        if not constant:
             return result
-        why = f"a loop computes it, and what that follows never moved ({held[0]})"
-    return [item if item.name in serving else replace(item, usable=False, remark=why) for item in result]
+        reason = f"a loop computes it, and what that follows never moved ({constant[0]})"
+    return [item if item.name in chosen else replace(item, usable=False, remark=reason) for item in result]
 
 
 def _reference(recording: Recording, source: ReferenceSource, grid: Grid, used: Mask) -> Reference:
     values, in_force = on_grid(recording.channel(source.channel), grid)
-    clean = exogenous(source.channel) or bool(source.open_loop)
+    is_exogenous = exogenous(source.channel) or bool(source.open_loop)
     if all(name in recording.channels for name in source.slope_of):
-        wanted, measured = (on_grid(recording.channel(name), grid)[0] for name in source.slope_of)
-        clean = clean and not holds_feedback(values, wanted, measured, used)
-    judged = partial(Reference, source.channel, exogenous=clean, values=values)
+        goal, measured = (on_grid(recording.channel(name), grid)[0] for name in source.slope_of)
+        is_exogenous = is_exogenous and not holds_feedback(values, goal, measured, used)
+    judged = partial(Reference, source.channel, exogenous=is_exogenous, values=values)
     if not used.any():
         return judged(usable=False, remark="no usable sample of flight")
     share = float(in_force[used].mean())
@@ -264,30 +264,30 @@ def _reference(recording: Recording, source: ReferenceSource, grid: Grid, used: 
         return judged(usable=False, remark="no pilot flies")
     openly = _share(recording, source.open_loop, grid, used) if source.open_loop else 1.0
     if openly < 1.0:
-        elsewhere = f", though for {1.0 - openly:.0%} of the flight only" if openly else ""
-        return judged(usable=False, remark=f"a loop acts on it{elsewhere}")
+        exception = f", though for {1.0 - openly:.0%} of the flight only" if openly else ""
+        return judged(usable=False, remark=f"a loop acts on it{exception}")
     spread = _spread_within_runs(values, used)
     if spread <= CONSTANT_SHARE * max(1.0, float(np.max(np.abs(values[used])))):
         return judged(usable=False, remark=CONSTANT)
-    why = ", no loop acts on it" if source.open_loop else ""
-    reference = judged(usable=True, remark=f"standard deviation {spread:.3g}{why}")
+    note = ", no loop acts on it" if source.open_loop else ""
+    reference = judged(usable=True, remark=f"standard deviation {spread:.3g}{note}")
     return _without_resets(reference, recording.channels.get(source.measured), grid, used)
 
 
-def holds_feedback(values: Series, wanted: Series, measured: Series, used: Mask) -> bool:
+def holds_feedback(values: Series, goal: Series, measured: Series, used: Mask) -> bool:
     """Whether what a setpoint has beside the slope of another is for the most part what that lacks."""
-    columns = np.column_stack([np.ones(wanted.size), np.gradient(wanted), wanted - measured, values])[used]
+    columns = np.column_stack([np.ones(goal.size), np.gradient(goal), goal - measured, values])[used]
     if len(columns) < FEWEST_VALUES:
         return False
-    slope, others = np.split(columns, [2], axis=1)
-    lacks, left = (others - slope @ np.linalg.lstsq(slope, others, rcond=None)[0]).T
-    size, power = float(lacks @ lacks), float(left @ left)
-    is_slope = power <= LEAST_FEEDBACK * float(np.sum((others[:, 1] - others[:, 1].mean()) ** 2))
-    return not is_slope and float(lacks @ left) ** 2 > FEEDBACK_SHARE * size * power
+    slope, rest = np.split(columns, [2], axis=1)
+    error, residual = (rest - slope @ np.linalg.lstsq(slope, rest, rcond=None)[0]).T
+    size, power = float(error @ error), float(residual @ residual)
+    is_slope = power <= LEAST_FEEDBACK * float(np.sum((rest[:, 1] - rest[:, 1].mean()) ** 2))
+    return not is_slope and float(error @ residual) ** 2 > FEEDBACK_SHARE * size * power
 
 
 def _without_resets(reference: Reference, measured: Channel | None, grid: Grid, used: Mask) -> Reference:
-    """A reference that stands still where it is set to what is measured, where that is logged."""
+    """A reference without its resets to the measured value, where that is logged."""
     if measured is None:
         return reference
     values = reference.values
@@ -295,16 +295,16 @@ def _without_resets(reference: Reference, measured: Channel | None, grid: Grid, 
     resets = [reset for reset in coincidences if used[reset].any()]
     if not resets:
         return reference
-    standing = _standing(values, resets)
-    if _spread_within_runs(standing, used) <= CONSTANT_SHARE * max(1.0, float(np.abs(values[used]).max())):
+    continuous = _continued(values, resets)
+    if _spread_within_runs(continuous, used) <= CONSTANT_SHARE * max(1.0, float(np.abs(values[used]).max())):
         return replace(reference, usable=False, remark=f"it is the measured {measured.name}")
     times = ", ".join(f"{grid.time_s[reset.start]:.1f}" for reset in resets)
     remark = f"{reference.remark}; set to the measured {measured.name} at {times} s, which is taken out"
-    return replace(reference, remark=remark, values=standing, logged=values)
+    return replace(reference, remark=remark, values=continuous, logged=values)
 
 
-def _standing(values: Series, resets: list[slice]) -> Series:
-    """Values that stand still where they are reset, and go on from there."""
+def _continued(values: Series, resets: list[slice]) -> Series:
+    """Values without their changes during resets."""
     changes = np.diff(values, prepend=values[:1])
     for part in resets:
         changes[part.start + 1 : part.stop] = 0.0
@@ -391,11 +391,11 @@ def _along(log: Recording, kind: str, axis: str, time_s: Series, values: Series)
     measured = at_stamps(f"position_{axis}")
     if kind == "position":
         if measured is not None:
-            values = _standing(values, measured_resets(values, measured, float(np.median(np.diff(time_s)))))
+            values = _continued(values, measured_resets(values, measured, float(np.median(np.diff(time_s)))))
         return (values - lagged_between_stamps(values, time_s, SLOPE_S)) / SLOPE_S
-    wanted = at_stamps(f"reference_position_{axis}")
-    if kind == "velocity" and wanted is not None and measured is not None:
-        values = values * (not holds_feedback(values, wanted, measured, np.ones(values.size, dtype=np.bool_)))
+    goal = at_stamps(f"reference_position_{axis}")
+    if kind == "velocity" and goal is not None and measured is not None:
+        values = values * (not holds_feedback(values, goal, measured, np.ones(values.size, dtype=np.bool_)))
     return values
 
 
@@ -403,10 +403,10 @@ def jumps(channel: Channel, grid: Grid, used: Mask) -> bool:
     """Whether a channel jumps, or has a kink, between two of its stamps within the samples `used`."""
     if channel.values.size < FEWEST_VALUES:
         return False
-    on = grid.time_s
-    nearest = np.minimum(np.searchsorted(on, channel.time_s), on.size - 1)
-    within = used[nearest] & (np.abs(on[nearest] - channel.time_s) <= 2.0 * grid.step_s)
-    values = np.where(within, channel.values, np.nan)
+    grid_time = grid.time_s
+    nearest = np.minimum(np.searchsorted(grid_time, channel.time_s), grid_time.size - 1)
+    inside = used[nearest] & (np.abs(grid_time[nearest] - channel.time_s) <= 2.0 * grid.step_s)
+    values = np.where(inside, channel.values, np.nan)
     for times in (channel.time_s, np.arange(values.size, dtype=np.float64)):
         over_one, over_two = (_bends(times, values, samples) for samples in (1, 2))
         if not over_two.size or over_two.max() >= SMOOTH_GROWTH * over_one.max():
@@ -417,12 +417,12 @@ def jumps(channel: Channel, grid: Grid, used: Mask) -> bool:
 
 
 def _bends(times: Series, values: Series, samples: int) -> Float[np.ndarray, " m"]:
-    """Distances of values from the line between those so many samples before and after them, where known."""
-    before, middle, after = times[: -2 * samples], times[samples:-samples], times[2 * samples :]
-    share = (middle - before) / (after - before)
+    """Distances of values from the line between their neighbours at a number of samples, where known."""
+    earlier, middle, later = times[: -2 * samples], times[samples:-samples], times[2 * samples :]
+    share = (middle - earlier) / (later - earlier)
     line = (1.0 - share) * values[: -2 * samples] + share * values[2 * samples :]
-    even = samples * float(np.median(np.diff(times)))
-    bends = np.abs(values[samples:-samples] - line) * even**2 / ((middle - before) * (after - middle))
+    step = samples * float(np.median(np.diff(times)))
+    bends = np.abs(values[samples:-samples] - line) * step**2 / ((middle - earlier) * (later - middle))
     return bends[np.isfinite(bends)]
 
 

@@ -66,17 +66,17 @@ FEWEST_RUNS = 3
 
 
 def flight_diagnostics(prepared: tuple[PreparedFlight, ...]) -> dict[str, float]:
-    """What was logged and used."""
-    flying = [flight for flight in prepared if flight.runs]
+    """Figures of what was logged and used."""
+    used = [flight for flight in prepared if flight.runs]
     results = {
-        "flights": float(len(flying)),
-        "runs": float(sum(len(flight.runs) for flight in flying)),
+        "flights": float(len(used)),
+        "runs": float(sum(len(flight.runs) for flight in used)),
         "airborne_s": sum(float(f.active.mask.sum()) * f.signals.step_s for f in prepared),
         "used_s": sum(flight.used_s for flight in prepared),
         **{f"{role}_rate_hz": min(f.rates_hz[role] for f in prepared) for role in prepared[0].rates_hz},
     }
-    if flying:
-        inputs = np.concatenate([flight.used_input.mean(axis=1) for flight in flying])
+    if used:
+        inputs = np.concatenate([flight.used_input.mean(axis=1) for flight in used])
         mean = float(inputs.mean())
         results |= {"mean_input": mean, "input_variation": float(inputs.std() / abs(mean)) if mean else 0.0}
     return results
@@ -106,9 +106,9 @@ def fit_diagnostics(traces: tuple[quantity.Trace, ...], estimate: Estimate) -> F
     measured = np.concatenate([trace.measured for trace in traces])
     residual = measured - np.concatenate([trace.predicted for trace in traces])
     centred = np.concatenate([trace.measured - trace.measured.mean() for trace in traces])
-    power, left = float(centred @ centred), float(residual @ residual)
-    several = traces if len(traces) > 1 else ()
-    by_axis = {trace.axis: residuals.residual_memory(trace.measured - trace.predicted) for trace in several}
+    power, residual_power = float(centred @ centred), float(residual @ residual)
+    multiple = traces if len(traces) > 1 else ()
+    by_axis = {trace.axis: residuals.residual_memory(trace.measured - trace.predicted) for trace in multiple}
     return FitDiagnostics(
         first_stage=dict(zip(estimate.names, map(float, estimate.first_stage), strict=True)),
         rank=estimate.rank,
@@ -119,8 +119,8 @@ def fit_diagnostics(traces: tuple[quantity.Trace, ...], estimate: Estimate) -> F
         leverage=run_leverage(record),
         memory=residuals.residual_memory(residual),
         memory_by_axis={axis: memory for axis, memory in by_axis.items() if memory is not None},
-        durbin_watson=float(np.sum(np.diff(residual) ** 2)) / left if left > 0.0 else 2.0,
-        r_squared=1.0 - left / power if power > 0.0 else NAN,
+        durbin_watson=float(np.sum(np.diff(residual) ** 2)) / residual_power if residual_power > 0.0 else 2.0,
+        r_squared=1.0 - residual_power / power if power > 0.0 else NAN,
     )
 
 
@@ -176,8 +176,8 @@ def left_over_swings(record: Diagnostics, traces: tuple[quantity.Trace, ...]) ->
     # A log without velocity, for one, determines some axes only: those have traces.
     for axis, trace in zip(sorted({run.axis for run in layout.runs}), traces, strict=True):
         runs = [run for run in layout.runs if run.axis == axis]
-        every = [np.ones(run.length) if run.counted is None else run.counted for run in runs]
-        samples = [run.start + np.flatnonzero(counted) for run, counted in zip(runs, every, strict=True)]
+        masks = [np.ones(run.length) if run.counted is None else run.counted for run in runs]
+        samples = [run.start + np.flatnonzero(counted) for run, counted in zip(runs, masks, strict=True)]
         residual, step_s = trace.measured - trace.predicted, runs[0].step_s
         blocks = blocks_of(residual, step_s * np.concatenate(samples), step_s, SWING_BLOCKS)
         swings += strongest_swings(blocks, ((trace.axis, trace.unit),), 1.0 / residual.size)

@@ -101,7 +101,7 @@ def has_jitter(channel: Channel) -> bool:
 
 
 def truth_of(result: Iterable[tuple[float, float]]) -> bool | None:
-    """Whether stamps are true, by the coefficients and variances that channels determine."""
+    """Whether stamps are true, by the jitter estimates of channels; None if undecided."""
     selected = [(value, variance) for value, variance in result if np.isfinite(value) and variance > 0.0]
     if not selected:
         return None
@@ -119,15 +119,15 @@ def jitter_estimate(channel: Channel) -> tuple[float, float]:
         return np.nan, np.nan
     number = np.arange(1, time.size - 1)
     low, high = np.maximum(number - SLOPE_REACH, 0), np.minimum(number + SLOPE_REACH, time.size - 1)
-    away = _from_middle(time)
-    near = np.abs(away) <= np.median(np.diff(time))
-    moved = (away * (values[high] - values[low]) / (time[high] - time[low]))[near]
-    bend = _from_middle(values)[near]
-    power = float(moved @ moved)
+    curvature_of_time = _from_middle(time)
+    is_even = np.abs(curvature_of_time) <= np.median(np.diff(time))
+    expected = (curvature_of_time * (values[high] - values[low]) / (time[high] - time[low]))[is_even]
+    value_bend = _from_middle(values)[is_even]
+    power = float(expected @ expected)
     if power <= 0.0:
         return np.nan, np.nan
-    value = float(moved @ bend) / power
-    return value, float(np.sum((moved * (bend - value * moved)) ** 2)) / power**2
+    value = float(expected @ value_bend) / power
+    return value, float(np.sum((expected * (value_bend - value * expected)) ** 2)) / power**2
 
 
 def _from_middle(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
@@ -135,13 +135,13 @@ def _from_middle(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
 
 
 #: A distance of stamps within this share of another is taken as the same.
-SAME = 0.025
+SAME_SHARE = 0.025
 #: Mean cosine of the angles that distances make on the circle of a step; 1 when all are multiples of it.
 #: Chance gives 0 with a standard deviation of 1 over the root of twice their number; so many are requested.
-CLOSE = 0.6
+MIN_FIT = 0.6
 BEYOND_CHANCE = 3.2
 #: A larger step that fits the distances as well as this is preferred.
-AS_WELL = 0.02
+FIT_MARGIN = 0.02
 #: So small a share of distances that are no multiples of the usual one are a logger's slips.
 ODD_SHARE = 0.002
 #: So many stamps say as much as all of a day.
@@ -235,7 +235,7 @@ def check_rate(command: Channel, rate_hz: float) -> None:
 def known_clock(command: Channel, rate_hz: float) -> Clock:
     """Clock of a held command whose controller's rate [Hz] is known."""
     logged = float(np.median(np.diff(command.time_s)))
-    issued = logged if 1.0 / rate_hz > (1.0 - SAME) * logged else 1.0 / rate_hz
+    issued = logged if 1.0 / rate_hz > (1.0 - SAME_SHARE) * logged else 1.0 / rate_hz
     is_even = not has_jitter(command) and (logged > RARELY_LOGGED_S or finer_step(command.time_s) is None)
     return Clock(logged, issued, is_even=is_even)
 
@@ -244,48 +244,48 @@ def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: 
     """Read a held command's clock off its stamps, and the rates of other channels."""
     steps = np.diff(command.time_s)
     logged = float(np.median(steps))
-    often = logged <= RARELY_LOGGED_S
-    finer, jitter = finer_step(command.time_s) if often else None, has_jitter(command)
-    if finer is None and often and jitter:
+    is_frequent = logged <= RARELY_LOGGED_S
+    finer, jitter = finer_step(command.time_s) if is_frequent else None, has_jitter(command)
+    if finer is None and is_frequent and jitter:
         beat = period_from_aliasing(command.time_s, SHORTEST_STEP_S)
         if beat is not None:
             return Clock(logged, beat)
-    jitters, quickest, sampled_with_it = [], np.inf, False
-    for other in others:
-        time_s = other.time_s
-        jitters.append(jitter_estimate(other))
-        sampled_with_it |= not other.held and np.array_equal(time_s, command.time_s)
+    jitters, shortest, sampled_with_it = [], np.inf, False
+    for channel in others:
+        time_s = channel.time_s
+        jitters.append(jitter_estimate(channel))
+        sampled_with_it |= not channel.held and np.array_equal(time_s, command.time_s)
         if time_s.size > 1:
-            quickest = min(quickest, float(np.median(np.diff(time_s), overwrite_input=True)))
+            shortest = min(shortest, float(np.median(np.diff(time_s), overwrite_input=True)))
     if finer is not None and not sampled_with_it:
         return Clock(logged, finer)
-    as_logged, looked_at = Clock(logged, logged), truth_of(jitters)
+    every_logged, looked_at = Clock(logged, logged), truth_of(jitters)
     jitter &= looked_at is not False or not sampled_with_it  # stamps of even rows that err
     unknown = Clock(logged, 0.5 * min(logged, issued_within_s), is_known=False, is_even=not jitter)
-    turns, quick = steps / logged, logged <= QUICK_STEP_S
+    multiples, quick = steps / logged, logged <= QUICK_STEP_S
     # distances are multiples of the usual one, but for a logger's slips
-    even = float(np.mean(np.abs(turns - np.rint(turns)) > SAME)) <= ODD_SHARE
-    if looked_at and quick and even:
-        return as_logged
+    is_regular = float(np.mean(np.abs(multiples - np.rint(multiples)) > SAME_SHARE)) <= ODD_SHARE
+    if looked_at and quick and is_regular:
+        return every_logged
     if looked_at and jitter and _repeats(command):
         return Clock(logged, logged / FINE_PARTS, looked=True)
     # of rows at multiples of a tick the same: whether commands were issued at each is not known
     if finer is not None or (looked_at and jitter and not sampled_with_it):
         return unknown
-    return as_logged if quick and quickest >= MORE_OFTEN * logged and jitter else unknown
+    return every_logged if quick and shortest >= MORE_OFTEN * logged and jitter else unknown
 
 
 def _repeats(command: Channel) -> bool:
-    """Whether values repeat now and then, as those do that a logger looks at twice."""
+    """Whether some values repeat, as a polling logger repeats them."""
     values = command.values[np.isfinite(command.values)]
     changes = np.abs(np.diff(values))
-    moved = changes[changes > 0.0]
-    if not moved.size or np.median(moved) < USUAL_CHANGES * moved.min():
+    nonzero = changes[changes > 0.0]
+    if not nonzero.size or np.median(nonzero) < USUAL_CHANGES * nonzero.min():
         return False  # rounded values repeat by themselves
-    same = np.flatnonzero(np.concatenate([[True], changes > 0.0, [True]]))
-    times = np.diff(same)
-    few = (times <= MOST_TIMES) & ~np.isin(values[same[:-1]], (values.min(), values.max()))
-    return bool(np.sum(times[few] - 1) >= REPEATED_SHARE * values.size)
+    starts = np.flatnonzero(np.concatenate([[True], changes > 0.0, [True]]))
+    lengths = np.diff(starts)
+    short = (lengths <= MOST_TIMES) & ~np.isin(values[starts[:-1]], (values.min(), values.max()))
+    return bool(np.sum(lengths[short] - 1) >= REPEATED_SHARE * values.size)
 
 
 def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
@@ -295,32 +295,32 @@ def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
         return None
     usual = float(np.sort(distances)[distances.size // 2])  # one of them: of two kinds the median is neither
     for _ in range(3):  # to the middle of those around it
-        usual = float(distances[np.abs(distances - usual) <= SAME * usual].mean())
-    fewest, most = ODD_SHARE * distances.size, int(usual / SHORTEST_STEP_S)
-    away = np.abs(distances / usual - np.rint(distances / usual))
-    if np.count_nonzero(away * most > 0.49) <= fewest:  # of fewer parts no more distances are odd
+        usual = float(distances[np.abs(distances - usual) <= SAME_SHARE * usual].mean())
+    slips, limit = ODD_SHARE * distances.size, int(usual / SHORTEST_STEP_S)
+    distance_off = np.abs(distances / usual - np.rint(distances / usual))
+    if np.count_nonzero(distance_off * limit > 0.49) <= slips:  # of fewer parts no more distances are odd
         return None
     fits: dict[float, float] = {}
-    for parts in range(2, most + 1):
-        turns = distances * (parts / usual)
-        near = np.cos(2.0 * np.pi * turns)
-        odd = near[np.rint(turns) % parts != 0]
-        if odd.size > fewest and near.mean() >= CLOSE:
-            fit = float(odd.mean())
-            if fit >= max(CLOSE, BEYOND_CHANCE / np.sqrt(2.0 * odd.size)):
+    for parts in range(2, limit + 1):
+        angles = distances * (parts / usual)
+        cosines = np.cos(2.0 * np.pi * angles)
+        at_odd = cosines[np.rint(angles) % parts != 0]
+        if at_odd.size > slips and cosines.mean() >= MIN_FIT:
+            fit = float(at_odd.mean())
+            if fit >= max(MIN_FIT, BEYOND_CHANCE / np.sqrt(2.0 * at_odd.size)):
                 fits[usual / parts] = fit
     if not fits:
         return None
-    step = next(step for step, fit in fits.items() if fit >= max(fits.values()) - AS_WELL)
+    step = next(step for step, fit in fits.items() if fit >= max(fits.values()) - FIT_MARGIN)
     # stamps that are rounded are multiples of a power of ten from zero on, whatever was rounded
-    tenth = 10.0 ** round(float(np.log10(step)))
-    away = time_s / tenth
-    of_tenth = tenth <= ROUNDED_S and abs(step / tenth - 1.0) <= 1e-3
-    return None if of_tenth and np.abs(away - np.rint(away)).max() <= 1e-3 else step
+    decimal = 10.0 ** round(float(np.log10(step)))
+    counts = time_s / decimal
+    is_decimal = decimal <= ROUNDED_S and abs(step / decimal - 1.0) <= 1e-3
+    return None if is_decimal and np.abs(counts - np.rint(counts)).max() <= 1e-3 else step
 
 
 def as_issued(command: Channel, clock: Clock) -> Channel:
-    """Return the command with what was issued between its stamps."""
+    """Return the command with interpolated values between its stamps."""
     time, values = command.time_s, command.values
     distances = np.diff(time)
     parts = np.maximum(np.rint(distances / clock.issued_s), 1.0).astype(np.int64)
@@ -330,22 +330,22 @@ def as_issued(command: Channel, clock: Clock) -> Channel:
         parts[np.searchsorted(time, start) : np.searchsorted(time, end)] = 1
     if (parts == 1).all():
         return command
-    begins = np.repeat(np.arange(distances.size), parts)
-    share = (np.arange(begins.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[begins]
-    between = time[begins] + share * distances[begins]
-    rise = np.where(parts > 1, np.diff(np.nan_to_num(values)), 0.0)
+    interval = np.repeat(np.arange(distances.size), parts)
+    share = (np.arange(interval.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[interval]
+    stamps = time[interval] + share * distances[interval]
+    change = np.where(parts > 1, np.diff(np.nan_to_num(values)), 0.0)
     # a part holds the mean of the line over it; what was issued then was held for as long, or not at all
     held_s = 0.0 if clock.looked else clock.issued_s
-    share = share + 0.5 * (1.0 / parts - held_s / distances)[begins]
+    share = share + 0.5 * (1.0 / parts - held_s / distances)[interval]
     return replace(
         command,
-        time_s=np.append(between, time[-1]),
-        values=np.append(values[begins] + share * rise[begins], values[-1]),
+        time_s=np.append(stamps, time[-1]),
+        values=np.append(values[interval] + share * change[interval], values[-1]),
     )
 
 
 #: Stamps far apart are off by no more than so many times what neighbours are.
-ADDED_UP = 1.15
+ERROR_GROWTH_LIMIT = 1.15
 
 
 def with_corrected_stamps(log: Recording) -> tuple[Recording, tuple[Finding, ...]]:
@@ -374,7 +374,7 @@ def corrected_stamps(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]
     longest_s = UNEVEN_PAUSE * float(np.median(distances))
     unbroken = np.cumsum(np.concatenate([[0], distances > longest_s]))
     far = (time_s[REACH:] - time_s[:-REACH])[unbroken[REACH:] == unbroken[:-REACH]]
-    if far.size < REACH or np.std(far) > ADDED_UP * np.std(distances[distances <= longest_s]):
+    if far.size < REACH or np.std(far) > ERROR_GROWTH_LIMIT * np.std(distances[distances <= longest_s]):
         return None
     stamps = on_lines(time_s, longest_s)
     return stamps if np.all(np.diff(stamps) > 0.0) else None

@@ -34,7 +34,7 @@ POSITION_NOISE = 0.01
 
 @dataclass(frozen=True)
 class ClosedLoopFlight:
-    """A shape, flown once."""
+    """Simulated flight of a shape."""
 
     shape: Shape
     height: Float[np.ndarray, " n"]  # [m]
@@ -51,20 +51,20 @@ def fly(
     shapes: Sequence[Shape], vehicles: Sequence[VehicleGuess], seeds: Sequence[int]
 ) -> list[ClosedLoopFlight]:
     """Fly each shape by its vehicle with its seed, all side by side."""
-    drawn = [_surroundings(*item) for item in zip(shapes, vehicles, seeds, strict=True)]
+    environments = [_surroundings(*item) for item in zip(shapes, vehicles, seeds, strict=True)]
     velocities, accelerations = zip(*(shape.derivatives for shape in shapes), strict=True)
     environment = vertical.VerticalEnvironment(
         reference_position=np.stack([shape.offset for shape in shapes], axis=1),
         reference_velocity=np.stack(velocities, axis=1),
         reference_acceleration=np.stack(accelerations, axis=1),
-        **{name: np.stack([item[name] for item in drawn], axis=1) for name in drawn[0]},
+        **{name: np.stack([item[name] for item in environments], axis=1) for name in environments[0]},
     )
     numbers = [(_regular_friction(item), item.input_gain, item.lag_s, 0.0) for item in vehicles]
     motion = vertical.simulate_vertical(
         vertical.VerticalVehicles(*np.array(numbers).T),
         environment,
         step_s=STEP_S,
-        controller=vertical.together(vertical.AltitudeController, [item.follows for item in vehicles]),
+        controller=vertical.stacked(vertical.AltitudeController, [item.follows for item in vehicles]),
     )
     logs = (
         vertical.vertical_recording(f"planned {x.kind}", "plan", environment, motion, n)
@@ -79,27 +79,27 @@ def fly(
 
 
 def _regular_friction(vehicle: VehicleGuess) -> float:
-    """Friction, moved a little where the simulator's closed form does not hold."""
+    """Friction, shifted a little where the simulator's closed form is singular."""
     rate = 1.0 / vehicle.lag_s
-    near = any(abs(vehicle.viscous_friction - multiple * rate) < 1e-6 for multiple in (1.0, 2.0))
-    return vehicle.viscous_friction + (1e-4 if near else 0.0)
+    is_singular = any(abs(vehicle.viscous_friction - multiple * rate) < 1e-6 for multiple in (1.0, 2.0))
+    return vehicle.viscous_friction + (1e-4 if is_singular else 0.0)
 
 
 def _surroundings(shape: Shape, vehicle: VehicleGuess, seed: int) -> dict[str, Float[np.ndarray, " n"]]:
     count = shape.offset.size
-    force, acceleration, velocity, other = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(4))
-    angles = [vehicle.tilt_rms * _with_density(_tilt_density, count, other) for _ in range(2)]
+    force, acceleration, velocity, rest = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(4))
+    angles = [vehicle.tilt_rms * _with_density(_tilt_density, count, rest) for _ in range(2)]
 
-    def left(name: str, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
+    def residual(name: str, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
         return _with_density(partial(vehicle.left.density_at, name), count, rng)
 
-    gust = left("force", force) / _regular_friction(vehicle)
+    gust = residual("force", force) / _regular_friction(vehicle)
     return {
         "gust": gust * vehicle.harder(shape.derivatives[0], float(gust.std())),
         "cos_tilt": np.cos(angles[0]) * np.cos(angles[1]),
-        "position_noise": POSITION_NOISE * other.standard_normal(count),
-        "velocity_noise": left("velocity", velocity),
-        "acceleration_noise": left("accelerometer", acceleration),
+        "position_noise": POSITION_NOISE * rest.standard_normal(count),
+        "velocity_noise": residual("velocity", velocity),
+        "acceleration_noise": residual("accelerometer", acceleration),
     }
 
 
@@ -130,21 +130,21 @@ def ranked_std_errors(shape: Shape, vehicle: VehicleGuess) -> Float[np.ndarray, 
     """Standard errors of friction [1/s], gain (as a share) and lag [s] by the formula, infinite for none."""
     count = shape.offset.size
     frequency = np.fft.rfftfreq(count, STEP_S)
-    inside = (frequency >= BAND_HZ[0]) & (frequency <= BAND_HZ[1])
-    f = frequency[inside]
+    in_band = (frequency >= BAND_HZ[0]) & (frequency <= BAND_HZ[1])
+    f = frequency[in_band]
     s, gains = 2j * np.pi * f, vehicle.follows
     # from the setpoint's velocity to the vehicle's, with feed-forward of velocity and acceleration
     plant = 1.0 / ((1.0 + s * vehicle.lag_s) * (s + vehicle.viscous_friction))
     feedback = (gains.velocity_gain + gains.integral_gain / s) * (1.0 + gains.position_gain / s)
-    velocity = plant * (s + feedback) / (1.0 + plant * feedback) * s * np.fft.rfft(shape.offset)[inside]
+    velocity = plant * (s + feedback) / (1.0 + plant * feedback) * s * np.fft.rfft(shape.offset)[in_band]
     drive = (s + vehicle.viscous_friction) * velocity
     columns = np.column_stack([-velocity, drive, -s / (1.0 + s * vehicle.lag_s) * drive])
-    left = vehicle.left
+    residual = vehicle.left
     gust_density = 1.0 / (
-        1.0 / np.maximum(left.density_at("accelerometer", f), 1e-9)
-        + 1.0 / np.maximum(np.abs(s) ** 2 * left.density_at("velocity", f), 1e-9)
+        1.0 / np.maximum(residual.density_at("accelerometer", f), 1e-9)
+        + 1.0 / np.maximum(np.abs(s) ** 2 * residual.density_at("velocity", f), 1e-9)
     )
-    density = (left.density_at("force", f) + gust_density) * count / (2.0 * STEP_S)
+    density = (residual.density_at("force", f) + gust_density) * count / (2.0 * STEP_S)
     whitened = columns / np.sqrt(density)[:, None]
     rows = np.concatenate([whitened.real, whitened.imag])
     triangle = np.linalg.qr(rows, mode="r")
@@ -162,7 +162,7 @@ FINALISTS, RUNS = 3, 10
 #: Flights longer than this leave time for one that predicts [s].
 LONG_S = 150.0
 #: How far a shape is made smaller when its flights leave the limits, and how often at most.
-SMALLER, OFTEN = 0.85, 4
+SHRINK_FACTOR, MOST_SHRINKS = 0.85, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,9 +242,9 @@ class FlightPlan:
         lines = [self.sentence]
         for word, item in self.predicted.items():
             target = TARGETS[word]
-            taken = self.taken(word)
-            of = taken and f" (of {taken})"
-            lines.append(f"{target.words:<18}± {item.half_width:.2g} {target.unit}{of}")
+            value = self.taken(word)
+            value_words = value and f" (of {value})"
+            lines.append(f"{target.words:<18}± {item.half_width:.2g} {target.unit}{value_words}")
         low, high, speed = self.reached
         lines.append(f"heights {low:.1f} to {high:.1f} m above take-off, up to {speed:.1f} m/s")
         return "\n".join(lines)
@@ -268,8 +268,8 @@ def make_plan(
     target = target or vehicle.requested or "friction"
     _check_choices(target, TARGETS, shape, seed)
     finalists = _finalists(vehicle, limits, target, (shape,) if shape else KINDS, seed)
-    flown_within = _within_limits(finalists, vehicle, limits, seed)
-    best = min(flown_within, key=lambda each: _half_width(identify_flight(each[0].recording), target))
+    flights = _flights_within_limits(finalists, vehicle, limits, seed)
+    best = min(flights, key=lambda runs: _half_width(identify_flight(runs[0].recording), target))
     # the flight that chose is the luckiest of several, and predicts too narrow an interval
     results = [identify_flight(item.recording) for item in best[1:]]
     values = {"friction": vehicle.viscous_friction, "gain": 1.0, "lag": vehicle.lag_s}
@@ -299,31 +299,31 @@ def _check_choices(target: str, targets: Iterable[str], shape: str, seed: int) -
 def _finalists(
     vehicle: VehicleGuess, limits: FlightLimits, target: str, kinds: tuple[str, ...], seed: int
 ) -> list[Shape]:
-    """The best of each kind by the formula, which errs between kinds, then those."""
+    """The best shapes of each kind by the formula, then the best for target and lag."""
     shapes = [shape.within(limits) for shape in candidates(limits.duration_s, kinds, seed)]
     errors = np.array([ranked_std_errors(shape, vehicle) for shape in shapes])
     words = list(TARGETS)
-    of_target, lag = errors[:, words.index(target)], errors[:, words.index("lag")]
-    best = [shapes[index] for index in np.argsort(of_target)]
-    firsts = [next(item for item in best if item.kind == kind) for kind in kinds]
-    others = [shapes[index] for index in np.argsort(of_target * lag)]
-    return list({id(item): item for item in (*firsts, *others)}.values())[:FINALISTS]
+    target_errors, lag_errors = errors[:, words.index(target)], errors[:, words.index("lag")]
+    best = [shapes[index] for index in np.argsort(target_errors)]
+    best_of_kind = [next(item for item in best if item.kind == kind) for kind in kinds]
+    best_with_lag = [shapes[index] for index in np.argsort(target_errors * lag_errors)]
+    return list({id(item): item for item in (*best_of_kind, *best_with_lag)}.values())[:FINALISTS]
 
 
-def _within_limits(
+def _flights_within_limits(
     shapes: list[Shape], vehicle: VehicleGuess, limits: FlightLimits, seed: int
 ) -> list[list[ClosedLoopFlight]]:
-    """Flights of each shape, which is made smaller until all of them keep the limits."""
+    """Flights of each shape, shrunk until all of them keep the limits."""
     runs = 1 + (RUNS if limits.duration_s <= LONG_S else 1)
-    for _ in range(OFTEN):
+    for _ in range(MOST_SHRINKS):
         seeds = [seed + run for run in range(runs)]
-        every = [(shape, vehicle.drawn(run), seed) for shape in shapes for run, seed in enumerate(seeds)]
-        flights = fly(*zip(*every, strict=True))
-        flight = [flights[first : first + runs] for first in range(0, len(flights), runs)]
-        kept = [of_shape for of_shape in flight if all(item.keeps(limits) for item in of_shape)]
-        if kept:
-            return kept
-        shapes = [shape.scaled(SMALLER) for shape in shapes]
+        cases = [(shape, vehicle.drawn(run), seed) for shape in shapes for run, seed in enumerate(seeds)]
+        flights = fly(*zip(*cases, strict=True))
+        by_shape = [flights[first : first + runs] for first in range(0, len(flights), runs)]
+        within_limits = [of_shape for of_shape in by_shape if all(item.keeps(limits) for item in of_shape)]
+        if within_limits:
+            return within_limits
+        shapes = [shape.scaled(SHRINK_FACTOR) for shape in shapes]
     raise InputError(
         "a flight that keeps its limits",
         f"flights that leave {limits.height_m[0]:g} to {limits.height_m[1]:g} m or {limits.speed:g} m/s in "
@@ -347,9 +347,9 @@ PACES = (0.25, 1.0, 4.0)
 #: Length of what can be planned [s].
 SECONDS = (10.0, 3600.0)
 #: Intervals are wider than the formula by what those of the log were, within these.
-WIDER = (1.0, 4.0)
+WIDENING_LIMITS = (1.0, 4.0)
 #: References are so many times as quick as those of the log, at most.
-BEYOND = 1.75
+QUICKER_LIMIT = 1.75
 ALL = "all"
 
 
@@ -377,8 +377,8 @@ class MachinePlan:
     @property
     def is_informative(self) -> bool:
         """Whether the target, or the headline, is expected to be identified."""
-        most = self.machine.half_widths[0]
-        return all(item.half_width <= most * abs(item.value) for item in self._sought)
+        limit = self.machine.half_widths[0]
+        return all(item.half_width <= limit * abs(item.value) for item in self._sought)
 
     @property
     def sentence(self) -> str:
@@ -417,87 +417,87 @@ def plan_machine(
 ) -> MachinePlan:
     """References for the smallest joint uncertainty, or the smallest interval of one parameter."""
     try:
-        answers = msgspec.convert(record, LoopResponses)
+        loop = msgspec.convert(record, LoopResponses)
     except msgspec.ValidationError as error:
         expected = "a result of a log whose references move, with prediction.flown in its JSON"
         raise InputError(
             expected, f"one without ({error})", "Log a reference, and identify it again."
         ) from None
     values = {name: item.value for name, item in quantities.items()}
-    known = [name for name in answers.std_errors if name in machine.quantities]
+    known = [name for name in loop.std_errors if name in machine.quantities]
     checks.text("target", target)
     target = target or ALL
     _check_choices(target, (ALL, *known), shape, seed)
     inputs = [item.name for item in machine.logged if item.role == "input"]
-    allowed = {name: answers.sizes[name] for name in (*answers.references, *inputs)}
+    allowed = {name: loop.sizes[name] for name in (*loop.references, *inputs)}
     for name, sizes in limits.items():
-        checks.index_of("a channel", name, tuple(answers.sizes))
+        checks.index_of("a channel", name, tuple(loop.sizes))
         if not sizes or not all(item > 0.0 for item in sizes):
             received = f"{tuple(sizes)} for {name}"
             raise UsageError("a size, and maybe a rate, above zero", received, "Such as 0.5.")
         allowed[name] = (*sizes, *allowed.get(name, ())[len(sizes) :])
-    counted, least = machine.activity.counted, math.inf
+    counted, lowest = machine.activity.counted, math.inf
     best: tuple[Shape, dict[str, Float[np.ndarray, " n"]], dict[str, float]] | None = None
-    seeds, kinds = range(seed, seed + len(answers.references)), (shape or KINDS[0],)
+    seeds, kinds = range(seed, seed + len(loop.references)), (shape or KINDS[0],)
     by_pace = (zip(*(candidates(seconds, kinds, k, pace) for k in seeds), strict=True) for pace in PACES)
     for shapes in chain.from_iterable(by_pace):
-        moves = _within(answers, shapes, allowed)
-        ends = answers.highest_hz.items()
-        if any(faster(moves[name], answers.step_s, BEYOND * high) > 2.0 * TAIL for name, high in ends):
+        deltas = _scaled_references(loop, shapes, allowed)
+        tops = loop.highest_hz.items()
+        if any(faster(deltas[name], loop.step_s, QUICKER_LIMIT * high) > 2.0 * TAIL for name, high in tops):
             continue  # nobody knows how it would answer
-        channels = answers.channels(moves)
-        errors, volume = answers.expected(machine.axes, counted, channels, values, machine.delays_s)
+        channels = loop.channels(deltas)
+        errors, volume = loop.expected(machine.axes, counted, channels, values, machine.delays_s)
         score = volume if target == ALL else errors.get(target, math.inf)
-        if score < least:
-            least, best = score, (shapes[0], moves, errors)
+        if score < lowest:
+            lowest, best = score, (shapes[0], deltas, errors)
     if best is None:
         raise InputError("a reference that moves within its limits", f"{allowed}", "Widen the limits.")
-    chosen, moves, errors = best
-    wide, predicted = normal_quantile(0.95), {}
+    best_shape, deltas, errors = best
+    quantile, predicted = normal_quantile(0.95), {}
     for name in known:
         item = quantities[name]
-        measured = item.half_width / (wide * answers.std_errors[name])
-        factor = float(np.clip(measured, *WIDER)) if math.isfinite(measured) else WIDER[1]
+        measured = item.half_width / (quantile * loop.std_errors[name])
+        factor = float(np.clip(measured, *WIDENING_LIMITS)) if math.isfinite(measured) else WIDENING_LIMITS[1]
         words = machine.quantities[name].words
-        predicted[name] = ExpectedWidth(words, item.value, factor * wide * errors[name], item.unit)
-    every = np.arange(chosen.offset.size) * STEP_S
+        predicted[name] = ExpectedWidth(words, item.value, factor * quantile * errors[name], item.unit)
+    time = np.arange(best_shape.offset.size) * STEP_S
     setpoints = {
-        name: answers.levels[name] + _between(answers.step_s, series, every) for name, series in moves.items()
+        name: loop.levels[name] + _spline(loop.step_s, series, time) for name, series in deltas.items()
     }
-    return MachinePlan(machine, target, chosen, setpoints, allowed, predicted)
+    return MachinePlan(machine, target, best_shape, setpoints, allowed, predicted)
 
 
-def _within(
-    answers: LoopResponses, shapes: tuple[Shape, ...], limits: Mapping[str, tuple[float, ...]]
+def _scaled_references(
+    responses: LoopResponses, shapes: tuple[Shape, ...], limits: Mapping[str, tuple[float, ...]]
 ) -> dict[str, Float[np.ndarray, " n"]]:
-    """References as large as limits of channels allow."""
-    moves = {}
-    for name, shape in zip(answers.references, shapes, strict=True):
-        at = np.arange(0.0, STEP_S * shape.offset.size, answers.step_s)
-        series = _between(STEP_S, shape.offset, at)
-        moves[name] = series * _factor(series, answers.step_s, limits[name])
-    channels = answers.channels(moves)
-    levels = answers.levels
+    """References scaled to the limits of channels."""
+    results = {}
+    for name, shape in zip(responses.references, shapes, strict=True):
+        time = np.arange(0.0, STEP_S * shape.offset.size, responses.step_s)
+        series = _spline(STEP_S, shape.offset, time)
+        results[name] = series * _factor(series, responses.step_s, limits[name])
+    channels = responses.channels(results)
+    levels = responses.levels
     factor = min(
-        _factor(channels[name] - levels[name], answers.step_s, limit) for name, limit in limits.items()
+        _factor(channels[name] - levels[name], responses.step_s, limit) for name, limit in limits.items()
     )
-    return {name: min(factor, 1.0) * series for name, series in moves.items()}
+    return {name: min(factor, 1.0) * series for name, series in results.items()}
 
 
 def _factor(series: Float[np.ndarray, " n"], step_s: float, limit: Sequence[float]) -> float:
-    """The largest scale within limits of a series, its rate and its acceleration."""
-    used = (float(np.abs(np.diff(series, n)).max()) / step_s**n for n in range(len(limit)))
-    return min(most / max(item, 1e-300) for item, most in zip(used, limit, strict=True))
+    """Largest scale at which a series, its rate and its acceleration keep limits."""
+    peaks = (float(np.abs(np.diff(series, n)).max()) / step_s**n for n in range(len(limit)))
+    return min(largest / max(item, 1e-300) for item, largest in zip(peaks, limit, strict=True))
 
 
-def _between(
-    step_s: float, series: Float[np.ndarray, " n"], at: Float[np.ndarray, " m"]
+def _spline(
+    step_s: float, series: Float[np.ndarray, " n"], times: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
-    """A smooth curve through samples, at other times; it stays where it ends."""
+    """Cubic spline through samples, at other times; constant after the end."""
     from scipy.interpolate import CubicSpline
 
     time = step_s * np.arange(series.size)
-    return np.asarray(CubicSpline(time, series)(np.minimum(at, time[-1])))
+    return np.asarray(CubicSpline(time, series)(np.minimum(times, time[-1])))
 
 
 # -- Files --
@@ -555,8 +555,8 @@ def _item(number: int, command: int, frame: int, params: list[float | None]) -> 
 
 def sampled(plan: FlightPlan, rate_hz: float) -> Float[np.ndarray, "n 4"]:
     """Time [s], height above take-off [m], velocity [m/s] and acceleration [m/s^2] at about that rate."""
-    every = max(round(1.0 / (rate_hz * STEP_S)), 1)
-    return np.column_stack([plan.time_s, plan.height, plan.velocity, plan.acceleration])[::every]
+    stride = max(round(1.0 / (rate_hz * STEP_S)), 1)
+    return np.column_stack([plan.time_s, plan.height, plan.velocity, plan.acceleration])[::stride]
 
 
 OFFBOARD_RATE_HZ = 20.0
@@ -583,8 +583,8 @@ def mavsdk_text(plan: FlightPlan) -> str:
     lines = [f"{name} = {float(value)!r}" for name, value in numbers.items()]
     lines.append("SETPOINTS = (")
     for time, height, velocity, acceleration in rows.tolist():
-        above = height - limits.middle_m
-        lines.append(f"    ({time:.2f}, {above:.4f}, {velocity:.4f}, {acceleration:.4f}),")
+        offset = height - limits.middle_m
+        lines.append(f"    ({time:.2f}, {offset:.4f}, {velocity:.4f}, {acceleration:.4f}),")
     lines.append(")")
     return _program("fly_plan.txt", "\n".join(lines) + "\n")
 

@@ -59,16 +59,16 @@ class FlightLimits:
 #: Step of the simulation, and of what the recipe sees [s].
 STEP_S = 0.01
 #: Share of the limits of height and speed that setpoints use.
-ROOM = 0.8
+USED_SHARE = 0.8
 #: Hover at both ends, and how long a multisine takes to rise and to fade [s].
 HOVER_S, FADE_S = 2.0, 3.0
 #: A step passes through so many equal first-order lags.
-SMOOTHINGS = 4
+LAG_COUNT = 4
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What a flight does, by the numbers that it was drawn with."""
+    """Height setpoint of a flight, about the middle of its limits."""
 
     kind: str  # "multisine" or "steps"
     words: str
@@ -89,8 +89,8 @@ class Shape:
         velocity, acceleration = self.derivatives
         half_height = 0.5 * (limits.height_m[1] - limits.height_m[0])
         factor = min(
-            ROOM * half_height / float(np.abs(self.offset).max()),
-            ROOM * limits.speed / float(np.abs(velocity).max()),
+            USED_SHARE * half_height / float(np.abs(self.offset).max()),
+            USED_SHARE * limits.speed / float(np.abs(velocity).max()),
             limits.acceleration / float(np.abs(acceleration).max()),
         )
         return self.scaled(factor)
@@ -114,12 +114,12 @@ def candidates(duration_s: float, kinds: tuple[str, ...], seed: int, pace: float
                 yield _steps(count, hold / pace, smoothing / pace, rng)
 
 
-def _multisine(count: int, low_hz: float, high_hz: float, fall: float, rng: np.random.Generator) -> Shape:
+def _multisine(count: int, low_hz: float, high_hz: float, power: float, rng: np.random.Generator) -> Shape:
     """Sines on a grid of frequencies, amplitudes falling as a power of it, phases of the smallest crest."""
     time = STEP_S * np.arange(count)
     frequency = np.geomspace(low_hz, high_hz, 10)
     angle = 2.0 * np.pi * time[:, None] * frequency
-    amplitude = frequency**-fall
+    amplitude = frequency**-power
     best, crest = np.zeros(count), np.inf
     for phases in rng.uniform(0.0, 2.0 * np.pi, (4, frequency.size)):
         series = np.sin(angle + phases) @ amplitude
@@ -127,32 +127,32 @@ def _multisine(count: int, low_hz: float, high_hz: float, fall: float, rng: np.r
         peak = float(np.abs(speed).max() / speed.std())
         if peak < crest:
             best, crest = series, peak
-    words = f"{frequency.size} sines from {low_hz:g} to {high_hz:g} Hz, amplitudes falling as f^-{fall:g}"
+    words = f"{frequency.size} sines from {low_hz:g} to {high_hz:g} Hz, amplitudes falling as f^-{power:g}"
     return Shape("multisine", words, best * _window(time))
 
 
 def _window(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Rise and fall between the hovers at the ends, with three continuous derivatives."""
     from_end = np.minimum(time, time[-1] - time)
-    part = np.clip((from_end - HOVER_S) / FADE_S, 0.0, 1.0)
-    return part**4 * (35.0 - 84.0 * part + 70.0 * part**2 - 20.0 * part**3)
+    phase = np.clip((from_end - HOVER_S) / FADE_S, 0.0, 1.0)
+    return phase**4 * (35.0 - 84.0 * phase + 70.0 * phase**2 - 20.0 * phase**3)
 
 
 def _steps(count: int, hold_s: float, smoothing_s: float, rng: np.random.Generator) -> Shape:
     """Levels up and down, each held for a while that varies, through equal first-order lags."""
     time = STEP_S * np.arange(count)
-    settle = SMOOTHINGS * 2.0 * smoothing_s
+    settling_s = LAG_COUNT * 2.0 * smoothing_s
     starts = [HOVER_S]
-    while starts[-1] < time[-1] - HOVER_S - settle - hold_s:
+    while starts[-1] < time[-1] - HOVER_S - settling_s - hold_s:
         starts.append(starts[-1] + hold_s * rng.uniform(0.6, 1.4))
     sign = np.where(np.arange(len(starts)) % 2 == 0, 1.0, -1.0)
     levels = np.concatenate([[0.0], sign * rng.uniform(0.5, 1.0, sign.size)])
     levels[-1] = 0.0
     series: Float[np.ndarray, " n"] = levels[np.searchsorted(starts, time, side="right")]
-    for _ in range(SMOOTHINGS):
+    for _ in range(LAG_COUNT):
         series = first_order_lag(series, step_s=STEP_S, lag_s=smoothing_s)
     words = (
-        f"{len(starts)} steps, one every {hold_s:g} s or so, smoothed over {SMOOTHINGS * smoothing_s:.1f} s"
+        f"{len(starts)} steps, one every {hold_s:g} s or so, smoothed over {LAG_COUNT * smoothing_s:.1f} s"
     )
     return Shape("steps", words, series)
 
@@ -183,12 +183,12 @@ HALF_STEP_S = 0.005
 #: Where numbers lie that nobody gave: evenly, and friction [1/s] and lag [s] evenly in logarithms.
 USUAL = {"viscous_friction": (0.15, 0.9), "lag_s": (0.015, 0.12), "quadratic_share": (0.0, 0.5)}
 #: From one simulated vehicle to the next, of these ranges: with them places fill space evenly (Roberts 2018).
-STRIDES = {"viscous_friction": 0.8192, "lag_s": 0.6710, "quadratic_share": 0.5497}
+SEQUENCE_STEPS = {"viscous_friction": 0.8192, "lag_s": 0.6710, "quadratic_share": 0.5497}
 
 
 @dataclass(frozen=True)
 class Densities:
-    """One-sided densities over frequency of what no model predicts, straight lines in logarithms."""
+    """One-sided residual densities over frequency, linear in logarithms."""
 
     frequency_hz: Float[np.ndarray, " n"]
     force: Float[np.ndarray, " n"]  # [(m/s^2)^2/Hz]
@@ -253,13 +253,13 @@ class VehicleGuess:
         """The vehicle with other usual numbers in place of those that nobody gave."""
         values: dict[str, Any] = {}
         for name, (low, high) in self.unknown.items():
-            share = (0.5 + number * STRIDES[name]) % 1.0
+            share = (0.5 + number * SEQUENCE_STEPS[name]) % 1.0
             values[name] = low * (high / low) ** share if low > 0.0 else share * high
         return replace(self, **values)
 
     def harder(self, climb_rate: Float[np.ndarray, " n"], gust_rms: float) -> Float[np.ndarray, " n"]:
-        """How much harder gusts push at that climb rate [m/s] than where they were measured."""
-        # quadratic drag answers a gust by the speed through the air, which in hover only gusts make
+        """Factor of a gust's force at a climb rate [m/s], over that where it was measured."""
+        # quadratic drag multiplies a gust by the airspeed, which in hover only gusts make
         share = self.quadratic_share / max(gust_rms, 1e-3)
         return np.hypot(1.0, share * climb_rate) / math.hypot(1.0, share * self.left.climb_rms)
 
@@ -270,7 +270,7 @@ class VehicleGuess:
 
     @property
     def follows(self) -> AltitudeController:
-        """The controller that it is simulated with."""
+        """Controller that the vehicle is simulated with."""
         if self.controller is not None:
             return self.controller
         velocity = min(QUICKNESS / (self.lag_s + HALF_STEP_S), LARGEST_VELOCITY_GAIN)
@@ -278,7 +278,7 @@ class VehicleGuess:
 
     @property
     def left(self) -> Densities:
-        """What no model predicts: gusts that last a second, and white noise, unless an estimate says it."""
+        """Residual densities: the estimate's, else of gusts of a second and white noise."""
         if self.densities is not None:
             return self.densities
         frequency = np.geomspace(0.05, 5.0, 12)
@@ -321,15 +321,15 @@ def vehicle_of_result(
         flight = msgspec.convert(record, FlownRecord)
         verdicts = {word: quantities[name].verdict for word, name in order.items()}
         unidentified = (word for word, verdict in verdicts.items() if verdict is not Status.IDENTIFIED)
-        left = flight.residual
-        arrays = {name: np.array(values) for name, values in (left or {}).items()}
+        residual = flight.residual
+        arrays = {name: np.array(values) for name, values in (residual or {}).items()}
         return VehicleGuess(
             hover_input=_hover(quantities["hover_input"].value, input_map),
-            viscous_friction=_within("viscous_friction", flight.taken),
-            lag_s=_within("lag_s", flight.taken),
-            tilt_rms=_within("tilt_rms", {"tilt_rms": flight.tilt_rms}),
+            viscous_friction=_in_range("viscous_friction", flight.taken),
+            lag_s=_in_range("lag_s", flight.taken),
+            tilt_rms=_in_range("tilt_rms", {"tilt_rms": flight.tilt_rms}),
             issue_times_known=flight.issue_times_known,
-            densities=None if left is None else Densities(**arrays, climb_rms=flight.climb_rms),
+            densities=None if residual is None else Densities(**arrays, climb_rms=flight.climb_rms),
             controller=None if flight.controller is None else AltitudeController(**flight.controller),
             requested=next(unidentified, ""),
         )
@@ -341,15 +341,15 @@ def vehicle_of_result(
         ) from error
 
 
-def _within(name: str, numbers: Mapping[str, float]) -> float:
-    """A number as far as it may go, or the usual one, which results hold where nothing is identified."""
+def _in_range(name: str, numbers: Mapping[str, float]) -> float:
+    """A number clipped to its range, or the default where nothing is identified."""
     usual: float = getattr(VehicleGuess, name)
-    given = numbers.get(name, usual)
-    return usual if given == usual else float(np.clip(given, *checks.annotated(VehicleGuess)[name][0]))
+    number = numbers.get(name, usual)
+    return usual if number == usual else float(np.clip(number, *checks.annotated(VehicleGuess)[name][0]))
 
 
 def _hover(value: float, input_map: str) -> float:
     """Hover input as the share of a rotor whose thrust goes with its square; speeds have no share."""
     if not 0.0 < value < 1.0:
         return VehicleGuess.hover_input
-    return _within("hover_input", {"hover_input": math.sqrt(value) if input_map == "linear" else value})
+    return _in_range("hover_input", {"hover_input": math.sqrt(value) if input_map == "linear" else value})

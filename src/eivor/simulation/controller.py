@@ -123,50 +123,50 @@ def control_effectiveness(vehicle: Vehicle) -> tuple[float, float, float]:
     return roll, pitch, yaw
 
 
-def between(value: Value, low: Value, high: Value) -> Value:
-    """Value, cut off at two limits."""
+def clipped(value: Value, low: Value, high: Value) -> Value:
+    """Value clipped to two limits."""
     if isinstance(value, np.ndarray):
         return np.minimum(np.maximum(value, low), high)
     return min(max(value, low), high)
 
 
 class Cascade:
-    """The three loops of a flight, or of several side by side, and what they remember."""
+    """The three loops of a flight, or of several side by side, and their states."""
 
     def __init__(self, gains: Gains, rate_period_s: float, height_period_s: float) -> None:
         self._gains = gains
         self._rate_period_s, self._height_period_s = rate_period_s, height_period_s
         self._integral: list[Value] = [0.0, 0.0, 0.0]
         self._climb_integral: Value = 0.0
-        self._before: Triple | None = None
+        self._previous: Triple | None = None
         self._derivative: list[Value] = [0.0, 0.0, 0.0]
         self._decay = float(np.exp(-2.0 * np.pi * DERIVATIVE_CUTOFF_HZ * rate_period_s))
         self._differentiates = bool(np.any(np.array(gains.derivative)))
 
     def thrust(self, reference: Triple, height: Value, climb: Value, cosine: Value) -> Value:
         g = self._gains
-        wanted_height, wanted_climb, acceleration = reference
-        error = wanted_climb + g.height * (wanted_height - height) - climb
+        height_reference, climb_reference, acceleration = reference
+        error = climb_reference + g.height * (height_reference - height) - climb
         self._climb_integral = self._climb_integral + error * self._height_period_s
         acceleration = acceleration + g.climb * error + g.climb_integral * self._climb_integral
         upward = g.weight + g.mass * acceleration
-        thrust = upward / between(cosine, LEAST_COSINE, 1.0)
-        return between(thrust, LEAST_WEIGHT * g.weight, MOST_THRUST * g.full_thrust) / g.full_thrust
+        thrust = upward / clipped(cosine, LEAST_COSINE, 1.0)
+        return clipped(thrust, LEAST_WEIGHT * g.weight, MOST_THRUST * g.full_thrust) / g.full_thrust
 
-    def holding(self, wanted: Components, components: Components, drift: Components) -> list[Value]:
-        """Attitude that is requested, tilted towards the place where the flight began."""
+    def holding(self, reference: Components, components: Components, drift: Components) -> list[Value]:
+        """Attitude setpoint, tilted towards the position where the flight began."""
         hold = self._gains.hold
-        most = MOST_HOLDING_TILT * GRAVITY
+        limit = MOST_HOLDING_TILT * GRAVITY
         forward, left = (
-            between(HOLD_DAMPING * hold * (-hold * away - speed), -most, most)
-            for away, speed in zip(components, drift, strict=True)
+            clipped(HOLD_DAMPING * hold * (-hold * offset - speed), -limit, limit)
+            for offset, speed in zip(components, drift, strict=True)
         )
-        along, sideways, _ = dynamics.into_body(dynamics.rotation(*wanted), forward, left, 0.0)
-        return dynamics.turned(wanted, -sideways / GRAVITY, along / GRAVITY, 0.0)
+        forward_tilt, left_tilt, _ = dynamics.into_body(dynamics.rotation(*reference), forward, left, 0.0)
+        return dynamics.turned(reference, -left_tilt / GRAVITY, forward_tilt / GRAVITY, 0.0)
 
-    def rates(self, wanted: Components, attitude: Components) -> Triple:
-        """Body rates [rad/s] that turn an attitude towards the one that is requested."""
-        a, b, c, d = wanted
+    def rates(self, setpoint: Components, attitude: Components) -> Triple:
+        """Body-rate setpoints [rad/s] that turn the attitude towards its setpoint."""
+        a, b, c, d = setpoint
         w, x, y, z = attitude
         # vector part of conj(attitude) wanted, by the shorter way round
         twice_sign = 4.0 * (a * w + b * x + c * y + d * z >= 0.0) - 2.0
@@ -177,12 +177,12 @@ class Cascade:
             twice_sign * yaw * (w * d - a * z - x * c + y * b),
         )
 
-    def torques(self, wanted: Triple, measured: Triple) -> Triple:
-        """Normalised torques that bring the body rates to those that are requested."""
+    def torques(self, setpoints: Triple, measured: Triple) -> Triple:
+        """Normalised torques of the rate loop's PID law."""
         g, period = self._gains, self._rate_period_s
-        error = [item - is_now for item, is_now in zip(wanted, measured, strict=True)]
+        error = [item - reading for item, reading in zip(setpoints, measured, strict=True)]
         self._integral = [
-            between(held + gain * period * item, -LARGEST_INTEGRAL, LARGEST_INTEGRAL)
+            clipped(held + gain * period * item, -LARGEST_INTEGRAL, LARGEST_INTEGRAL)
             for held, gain, item in zip(self._integral, g.integral, error, strict=True)
         ]
         torque = [gain * item + held for gain, item, held in zip(g.rate, error, self._integral, strict=True)]
@@ -191,15 +191,15 @@ class Cascade:
                 item - gain * slope
                 for item, gain, slope in zip(torque, g.derivative, self._slopes(measured), strict=True)
             ]
-        roll, pitch, yaw = (between(item, -1.0, 1.0) for item in torque)
+        roll, pitch, yaw = (clipped(item, -1.0, 1.0) for item in torque)
         return roll, pitch, yaw
 
     def _slopes(self, measured: Triple) -> list[Value]:
-        decay, before = self._decay, self._before or measured
-        self._before = measured
+        decay, previous = self._decay, self._previous or measured
+        self._previous = measured
         self._derivative = [
-            decay * held + (1.0 - decay) * (now - then) / self._rate_period_s
-            for held, now, then in zip(self._derivative, measured, before, strict=True)
+            decay * derivative + (1.0 - decay) * (now - last) / self._rate_period_s
+            for derivative, now, last in zip(self._derivative, measured, previous, strict=True)
         ]
         return self._derivative
 
@@ -220,7 +220,7 @@ class Mixer:
         linear, quadratic = self.thrust_linear, self.thrust_quadratic
         speeds = []
         for up, left, down, around in self.shares:
-            force = between(up * thrust + left * roll + down * pitch + around * yaw, self.least, self.most)
+            force = clipped(up * thrust + left * roll + down * pitch + around * yaw, self.least, self.most)
             speeds.append(2.0 * force / (linear + (linear * linear + 4.0 * quadratic * force) ** 0.5))
         return speeds
 
@@ -246,40 +246,40 @@ def mixer_of(vehicle: Vehicle) -> Mixer:
     )
 
 
-def mixers_side_by_side(vehicles: Sequence[Vehicle]) -> Mixer:
+def stacked_mixer(vehicles: Sequence[Vehicle]) -> Mixer:
     """Mixer of several vehicles with equally many rotors, in arrays."""
-    each = [mixer_of(vehicle) for vehicle in vehicles]
+    mixers = [mixer_of(vehicle) for vehicle in vehicles]
     # (rotors, 4, flights)
-    shares = np.array([item.shares for item in each]).transpose(1, 2, 0)
+    shares = np.array([item.shares for item in mixers]).transpose(1, 2, 0)
     up, left, down, around = (np.ascontiguousarray(shares[:, part]) for part in range(4))
-    return dynamics.stacked(each, shares=((up, left, down, around),))
+    return dynamics.stacked(mixers, shares=((up, left, down, around),))
 
 
 class DelayLine:
-    """What is on its way, one step of delay or more, alike or not for flights side by side."""
+    """Delay of one step or more, equal or not among flights side by side."""
 
-    def __init__(self, delay_s: Any, step_s: float, before: Sequence[Value] | None = None) -> None:
-        self._late = late = np.rint(np.array(delay_s) / step_s).astype(np.int64)
-        self._alike, self._longest = bool(np.all(late == late[0])), int(late.max())
+    def __init__(self, delay_s: Any, step_s: float, initial: Sequence[Value] | None = None) -> None:
+        self._delay = steps = np.rint(np.array(delay_s) / step_s).astype(np.int64)
+        self._uniform, self._longest = bool(np.all(steps == steps[0])), int(steps.max())
         self._past: deque[list[Value]] = deque(maxlen=self._longest + 1)
-        self._rings = [] if before is None else self._filled(list(before))
+        self._rings = [] if initial is None else self._filled(list(initial))
         self._step = 0
 
     def _filled(self, values: list[Value]) -> list[np.ndarray]:
         """Past of those values; of flights that differ in arrays whose first axis is the step."""
         self._past.extend([values] * self._longest)
-        return [] if self._alike else [np.stack([value] * (self._longest + 1)) for value in values]
+        return [] if self._uniform else [np.stack([value] * (self._longest + 1)) for value in values]
 
-    def pass_on(self, values: list[Value]) -> list[Value]:
+    def push(self, values: list[Value]) -> list[Value]:
         """Send values, and return those that arrive in this step."""
         if self._longest == 0:
             return values
         if not self._past:
             self._rings = self._filled(values)
-        if self._alike:
+        if self._uniform:
             self._past.append(values)
             return self._past[0]
-        rows = (self._step - self._late) % (self._longest + 1)
+        rows = (self._step - self._delay) % (self._longest + 1)
         for ring, value in zip(self._rings, values, strict=True):
             ring[self._step % (self._longest + 1)] = value
         self._step += 1
@@ -317,23 +317,23 @@ class Sensor:
         return self.delay_s + (np.sqrt(2.0) / (2.0 * np.pi * self.cutoff_hz) if self.cutoff_hz else 0.0)
 
     def errors(self, count: int, axes: int, rng: np.random.Generator) -> Readings:
-        """What is added to the true values before the filter, one row for each step."""
+        """Errors of the true values before the filter, one row for each step."""
         return self.bias + np.column_stack([self.noise.sample(count, rng) for _ in range(axes)])
 
     def readings(self, raw: Readings, step_s: float) -> Readings:
-        """What comes out of filter and delay; both have seen the first value for ever."""
-        late = round(self.delay_s / step_s)
+        """Output of filter and delay, both at rest at the first value."""
+        delay = round(self.delay_s / step_s)
         filtered = raw
         if self.cutoff_hz:
             from scipy.signal import lfilter, lfilter_zi
 
             b, a = map(np.array, self.low_pass(step_s))
             filtered = lfilter(b, a, raw, axis=0, zi=np.outer(lfilter_zi(b, a), raw[0]))[0]
-        rows = np.maximum(np.arange(raw.shape[0]) - late, 0)
+        rows = np.maximum(np.arange(raw.shape[0]) - delay, 0)
         return filtered[rows]
 
     def low_pass(self, step_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Numerator and denominator of the filter at a rate; without one what leaves all as it is."""
+        """Numerator and denominator of the filter at a rate; of no filter a gain of one."""
         if not self.cutoff_hz:
             return (1.0, 0.0, 0.0), (1.0, 0.0, 0.0)
         from scipy.signal import butter
@@ -357,8 +357,8 @@ class Sensor:
         self, rows: Int[np.ndarray, " rows"], step_s: float, rng: np.random.Generator
     ) -> Float[np.ndarray, " rows"]:
         error = self.jitter_s * rng.standard_normal(rows.size)
-        most = LARGEST_JITTER * (float(np.diff(rows).min()) if rows.size > 1 else 1.0) * step_s
-        return rows * step_s + np.clip(error, -most, most)
+        limit = LARGEST_JITTER * (float(np.diff(rows).min()) if rows.size > 1 else 1.0) * step_s
+        return rows * step_s + np.clip(error, -limit, limit)
 
 
 class LiveFilter:
@@ -367,20 +367,20 @@ class LiveFilter:
     def __init__(self, sensors: Sequence[Sensor], step_s: float) -> None:
         parts = [sensor.low_pass(step_s) for sensor in sensors]
         self._filter = dynamics.together(parts) if any(sensor.cutoff_hz for sensor in sensors) else None
-        self._late = DelayLine([sensor.delay_s for sensor in sensors], step_s)
+        self._delay = DelayLine([sensor.delay_s for sensor in sensors], step_s)
         self._state: list[tuple[Value, Value]] | None = None
 
     def read(self, raw: list[Value]) -> list[Value]:
-        """Reading that the controller gets, one component for each axis."""
+        """Filtered and delayed reading, one component for each axis."""
         if self._filter is None:
-            return self._late.pass_on(raw)
+            return self._delay.push(raw)
         (b0, b1, b2), (_, a1, a2) = self._filter
         if self._state is None:
             self._state = [((1.0 - b0) * x, (b2 - a2) * x) for x in raw]
-        read, state = [], []
-        for x, (first, second) in zip(raw, self._state, strict=True):
-            y = b0 * x + first
-            read.append(y)
-            state.append((b1 * x - a1 * y + second, b2 * x - a2 * y))
+        readings, state = [], []
+        for x, (state_1, state_2) in zip(raw, self._state, strict=True):
+            y = b0 * x + state_1
+            readings.append(y)
+            state.append((b1 * x - a1 * y + state_2, b2 * x - a2 * y))
         self._state = state
-        return self._late.pass_on(read)
+        return self._delay.push(readings)

@@ -1,4 +1,4 @@
-"""What simulated flights share: wind, trajectories, sensor noise, and logs with their truth."""
+"""Wind, trajectories and sensor noise of simulated flights, and logs with their truth."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Errors: TypeAlias = dict[str, Float[np.ndarray, "n axes"]]
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """Noise of what the controller sees and the log holds, alike on each axis.
+    """Noise of what the controller measures and the log holds, equal on each axis.
 
     Every level is the standard deviation over the whole record. That also holds for fractional noise, whose
     variance grows along the record: its white source is scaled so that the mean variance is right.
@@ -80,8 +80,8 @@ def simulated_channel(name: str, simulator: str, time_s: Series, values: Series)
 
 
 def simulated_recording(name: str, simulator: str, time_s: Series, series: Mapping[str, Series]) -> Recording:
-    """Log of a simulated flight whose rotors' thrust goes with the square of their state."""
-    channels = {key: simulated_channel(key, simulator, time_s, each.copy()) for key, each in series.items()}
+    """Log of a simulated flight whose thrust is quadratic in the rotors' state."""
+    channels = {key: simulated_channel(key, simulator, time_s, data.copy()) for key, data in series.items()}
     parameters = {CONTROLLER_RATE: (time_s.size - 1) / float(time_s[-1] - time_s[0])}
     return Recording(name, "simulation", channels, Frame.Z_UP, parameters=parameters, input_map="square")
 
@@ -94,7 +94,7 @@ SMALL_STEP_M = 0.05
 
 
 class TrajectoryKind(StrEnum):
-    """What the altitude reference does."""
+    """Shape of the altitude reference."""
 
     STEPS = "steps"
     MULTISINE = "multisine"
@@ -126,9 +126,9 @@ def altitude_reference(
     position = _SHAPES[kind](time, step_s, rng)
     spline = make_interp_spline(time, position, k=5)
     velocity, acceleration = spline(time, 1), spline(time, 2)
-    fastest, hardest = float(np.abs(velocity).max()), float(np.abs(acceleration).max())
+    top_speed, top_acceleration = float(np.abs(velocity).max()), float(np.abs(acceleration).max())
     limits = rng.uniform(*SPEED_RANGE), rng.uniform(*ACCELERATION_RANGE)
-    scale = min(limits[0] / fastest, limits[1] / hardest) * vigour if fastest > 0.0 else 0.0
+    scale = min(limits[0] / top_speed, limits[1] / top_acceleration) * vigour if top_speed > 0.0 else 0.0
     if kind in OWN_HEIGHT:
         scale = min(1.0, scale)
     return Trajectory(scale * position, scale * velocity, scale * acceleration)
@@ -144,9 +144,9 @@ def _hover_steps(time: Series, step_s: float, rng: np.random.Generator) -> Serie
     """Steps of 5 cm up or down about a hover, each level held 2 to 6 s."""
     starts = np.cumsum(rng.uniform(2.0, 6.0, size=int(time[-1] / 2.0) + 2))
     # Alternately away from the middle and back to it, so that every step has the same height.
-    away = rng.choice([-SMALL_STEP_M, SMALL_STEP_M], size=starts.size + 1)
-    away[::2] = 0.0
-    return _smoothed_levels(time, step_s, starts, away, rng)
+    levels = rng.choice([-SMALL_STEP_M, SMALL_STEP_M], size=starts.size + 1)
+    levels[::2] = 0.0
+    return _smoothed_levels(time, step_s, starts, levels, rng)
 
 
 def _smoothed_levels(
@@ -156,7 +156,7 @@ def _smoothed_levels(
     levels: Float[np.ndarray, " levels"],
     rng: np.random.Generator,
 ) -> Series:
-    """Levels from their starts on, the first one zero, through four equal first-order lags."""
+    """Steps to levels at their starts, from zero, through four equal first-order lags."""
     from scipy.signal import lfilter
 
     decay = np.exp(-step_s / rng.uniform(0.25, 0.45))
@@ -190,10 +190,10 @@ def _climbs(time: Series, _step_s: float, rng: np.random.Generator) -> Series:
     span = float(time[-1])
     height = rng.uniform(1.5, 4.0)
     position = np.zeros_like(time)
-    for sign, earliest in ((1.0, 0.2), (-1.0, 0.6)):
-        start, length = span * rng.uniform(earliest, earliest + 0.1), span * rng.uniform(0.05, 0.1)
-        part = np.clip((time - start) / length, 0.0, 1.0)
-        position += sign * height * part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+    for sign, begin in ((1.0, 0.2), (-1.0, 0.6)):
+        start, length = span * rng.uniform(begin, begin + 0.1), span * rng.uniform(0.05, 0.1)
+        phase = np.clip((time - start) / length, 0.0, 1.0)
+        position += sign * height * phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
     return position
 
 
@@ -225,7 +225,7 @@ SCHEMA = "eivor.simulate/1"
 
 @dataclass(frozen=True)
 class KnownLog:
-    """A log and what is true of it."""
+    """A log and its true parameters."""
 
     recording: Recording
     rate_hz: float
@@ -235,9 +235,9 @@ class KnownLog:
 
     @property
     def truth(self) -> dict[str, object]:
-        """Document of what is true."""
-        of_log = {name: getattr(self, name) for name in ("rate_hz", "samples", "seed")}
-        return {"schema": SCHEMA, **self.known, **of_log, "provenance": {"version": version("eivor")}}
+        """Document of the truth, for JSON."""
+        log_facts = {name: getattr(self, name) for name in ("rate_hz", "samples", "seed")}
+        return {"schema": SCHEMA, **self.known, **log_facts, "provenance": {"version": version("eivor")}}
 
 
 def gusts(

@@ -19,12 +19,10 @@ def at_least(name: str, value: int, least: int) -> None:
     require(value >= least, f"{name} of {least} or more", f"{name}={value}")
 
 
-def equally_many(
-    first: str, first_values: tuple[object, ...], other: str, others: tuple[object, ...]
-) -> None:
+def equally_many(name: str, values: tuple[object, ...], other_name: str, others: tuple[object, ...]) -> None:
     """Refuse lists of unequal length."""
-    received = f"{len(others)} {other} and {len(first_values)} {first}"
-    require(len(first_values) == len(others), f"as many {other} as {first}", received)
+    received = f"{len(others)} {other_name} and {len(values)} {name}"
+    require(len(values) == len(others), f"as many {other_name} as {name}", received)
 
 
 #: A number of zero or more, above zero, of any size; several of any size.
@@ -93,9 +91,9 @@ class RandomSteps(Excitation):
         require(self.shortest_s <= self.longest_s, "a shortest_s up to longest_s", received)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        most = int(count * step_s / self.shortest_s) + 1
-        ends = np.cumsum(rng.uniform(self.shortest_s, self.longest_s, most))
-        levels = self.amplitude * rng.integers(-1, 2, most + 1).astype(np.float64)
+        count_limit = int(count * step_s / self.shortest_s) + 1
+        ends = np.cumsum(rng.uniform(self.shortest_s, self.longest_s, count_limit))
+        levels = self.amplitude * rng.integers(-1, 2, count_limit + 1).astype(np.float64)
         levels[0] = 0.0
         return levels[np.searchsorted(ends, step_s * np.arange(count), side="right")]
 
@@ -203,7 +201,7 @@ def _check_rate(high_hz: float, step_s: float) -> None:
 
 
 def _bins(count: int, step_s: float, low_hz: float, high_hz: float) -> Bool[np.ndarray, " bins"]:
-    """Which bins of the real FFT lie in the band; never the mean."""
+    """Mask of the bins of the real FFT within the band, without the mean."""
     _check_rate(high_hz, step_s)
     frequencies = np.fft.rfftfreq(count, step_s)
     tolerance = 1e-9 / (count * step_s)
@@ -242,9 +240,9 @@ class PseudoRandomBinary(Excitation):
 
     def __post_init__(self) -> None:
         Excitation.__post_init__(self)
-        least, most = min(_TAPS), max(_TAPS)
-        expected = f"a register of {least} to {most} stages"
-        require(least <= self.register <= most, expected, f"register={self.register}")
+        low, high = min(_TAPS), max(_TAPS)
+        expected = f"a register of {low} to {high} stages"
+        require(low <= self.register <= high, expected, f"register={self.register}")
         require(self.hold >= 1, "hold of 1 or more", f"hold={self.hold}")
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
@@ -272,18 +270,18 @@ class WhiteDisturbance(WhiteExcitation, Disturbance):
 
 
 def autoregression(
-    driven: Float[np.ndarray, "n *records"], coefficients: Float[np.ndarray, "n lags"]
+    shocks: Float[np.ndarray, "n *records"], coefficients: Float[np.ndarray, "n lags"]
 ) -> Float[np.ndarray, "n *records"]:
-    """x[k] = driven[k] + sum_i coefficients[k, i] x[k - 1 - i], with zeros before the record."""
-    count, lags = driven.shape[0], min(coefficients.shape[1], max(driven.shape[0] - 1, 0))
+    """x[k] = shocks[k] + sum_i coefficients[k, i] x[k - 1 - i], with zeros before the record."""
+    count, lags = shocks.shape[0], min(coefficients.shape[1], max(shocks.shape[0] - 1, 0))
     if lags == 0:
-        return driven.copy()
+        return shocks.copy()
     band = np.zeros((lags + 1, count))
     band[0] = 1.0
     for i in range(1, lags + 1):
         band[i, : count - i] = -coefficients[i:, i - 1]
-    right = driven.reshape(count, -1)
-    return np.asarray(scipy.linalg.lapack.dtbtrs(band, right, uplo="L", diag="U")[0]).reshape(driven.shape)
+    right = shocks.reshape(count, -1)
+    return np.asarray(scipy.linalg.lapack.dtbtrs(band, right, uplo="L", diag="U")[0]).reshape(shocks.shape)
 
 
 def constant(coefficients: tuple[float, ...], count: int) -> Float[np.ndarray, "n lags"]:
@@ -311,16 +309,16 @@ class DrydenGust(Disturbance):
 
         x = step_s * self.airspeed_mps / self.length_m
         shocks = rng.standard_normal((2, count))
-        # Covariance of what one step adds to (p, q): incomplete gamma functions, exact for small steps.
-        added = np.array([0.5, 0.25, 0.25]) * gammainc([1.0, 2.0, 3.0], 2.0 * x)
-        std = np.sqrt(added[0])
-        shared = added[1] / std
-        rest = np.sqrt(max(added[2] - shared**2, 0.0))
+        # Covariance of the increments of (p, q) in a step: incomplete gamma functions, exact for small steps.
+        covariance = np.array([0.5, 0.25, 0.25]) * gammainc([1.0, 2.0, 3.0], 2.0 * x)
+        std = np.sqrt(covariance[0])
+        cross = covariance[1] / std
+        remainder = np.sqrt(max(covariance[2] - cross**2, 0.0))
         decay = float(np.exp(-x))
         driven = std * shocks[0]
         driven[0] = np.sqrt(0.5) * shocks[0, 0]
         first = autoregression(driven, constant((decay,), count))
-        driven = shared * shocks[0] + rest * shocks[1]
+        driven = cross * shocks[0] + remainder * shocks[1]
         driven[1:] += x * decay * first[:-1]
         driven[0] = np.sqrt(0.125) * (shocks[0, 0] + shocks[1, 0])
         second = autoregression(driven, constant((decay,), count))

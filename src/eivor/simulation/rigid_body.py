@@ -1,4 +1,4 @@
-"""Simulated flights of whole vehicles: what a flight is a function of, and its log and truth."""
+"""Simulated flights of whole vehicles: specification, log and truth."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from eivor.strict_toml import package_tables
 from eivor.tools import Float
 
 #: State of the body, and of its rotors.
-Moved: TypeAlias = tuple[Body, list[Value]]
+StepResult: TypeAlias = tuple[Body, list[Value]]
 
 #: State of body and rotors a step later, of a flight or of several side by side, under what is held over it:
 #: commands, velocity of the air in the world [m/s], and torque from outside on the body's axes [N m].
-Stepper: TypeAlias = Callable[[Body, Sequence[Value], Sequence[Value], Triple, Triple], Moved]
+Stepper: TypeAlias = Callable[[Body, Sequence[Value], Sequence[Value], Triple, Triple], StepResult]
 #: Neither wind nor torque.
 STILL: Triple = (0.0, 0.0, 0.0)
 
@@ -41,19 +41,19 @@ STILL: Triple = (0.0, 0.0, 0.0)
 def runge_kutta(coefficients: dynamics.Coefficients, step_s: float) -> Stepper:
     """Return steps of this length [s] by the classical method of the fourth order."""
     c, h = coefficients, step_s
-    half = rotor_course(c, h / 2.0)
+    half_step = rotor_response(c, h / 2.0)
 
     def spin_up(speeds: Sequence[Value], command: Sequence[Value]) -> Sequence[Value]:
         return dynamics.speed_derivative(c, speeds, command) if c.gyroscopic else ()
 
     def step(
         body: Body, speeds: Sequence[Value], command: Sequence[Value], wind: Triple, disturbance: Triple
-    ) -> Moved:
-        middle = half(speeds, command)
-        end, change = half(middle, command), spin_up(middle, command)
+    ) -> StepResult:
+        middle = half_step(speeds, command)
+        end, acceleration = half_step(middle, command), spin_up(middle, command)
         k1 = dynamics.body_derivative(c, body, speeds, spin_up(speeds, command), wind, disturbance)
-        k2 = dynamics.body_derivative(c, _stepped(body, k1, h / 2.0), middle, change, wind, disturbance)
-        k3 = dynamics.body_derivative(c, _stepped(body, k2, h / 2.0), middle, change, wind, disturbance)
+        k2 = dynamics.body_derivative(c, _stepped(body, k1, h / 2.0), middle, acceleration, wind, disturbance)
+        k3 = dynamics.body_derivative(c, _stepped(body, k2, h / 2.0), middle, acceleration, wind, disturbance)
         k4 = dynamics.body_derivative(c, _stepped(body, k3, h), end, spin_up(end, command), wind, disturbance)
         # Six times the mean slope.
         slope = [p + 2.0 * (q + r) + s for p, q, r, s in zip(k1, k2, k3, k4, strict=True)]
@@ -62,20 +62,20 @@ def runge_kutta(coefficients: dynamics.Coefficients, step_s: float) -> Stepper:
     return step
 
 
-def rotor_course(
+def rotor_response(
     coefficients: dynamics.Coefficients, time_s: float
 ) -> Callable[[Sequence[Value], Sequence[Value]], list[Value]]:
-    """Speeds of rotors that much later, by speeds and a held command: the closed form."""
+    """Closed-form response of rotor speeds to a held command over a time."""
     down = _decay(time_s * coefficients.rate_down)
     difference = _decay(time_s * coefficients.rate_up) - down
 
-    def after(speeds: Sequence[Value], command: Sequence[Value]) -> list[Value]:
+    def response(speeds: Sequence[Value], command: Sequence[Value]) -> list[Value]:
         return [
             item + (speed - item) * (down + difference * (item > speed))
             for speed, item in zip(speeds, command, strict=True)
         ]
 
-    return after
+    return response
 
 
 def _decay(lags: Value) -> Value:
@@ -90,11 +90,11 @@ def _stepped(state: Body, slope: Sequence[Value], time_s: float) -> Body:
 
 def _unit_attitude(body: Body) -> Body:
     w, x, y, z = body[6:10]
-    short = (w * w + x * x + y * y + z * z) ** -0.5
+    scale = (w * w + x * x + y * y + z * z) ** -0.5
     if isinstance(body, np.ndarray):
-        body[6:10] *= short
+        body[6:10] *= scale
     else:
-        body[6:10] = [w * short, x * short, y * short, z * short]
+        body[6:10] = [w * scale, x * scale, y * scale, z * scale]
     return body
 
 
@@ -228,12 +228,12 @@ Vectors: TypeAlias = Float[np.ndarray, "n 3"]
 #: Sensors that the controller reads; and all, in the order of their streams of randomness.
 SENSES = ("angular_rate", "attitude", "velocity", "position")
 SENSORS = (*SENSES, "specific_force", "rotor_speed")
-about = attrgetter("roll", "pitch", "yaw")
+axis_values = attrgetter("roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What one flight meets, a row for each step."""
+    """References, wind, disturbances and sensor errors of a flight, a row for each step."""
 
     height: Float[np.ndarray, "n 3"]  # [m]
     attitude: Float[np.ndarray, "n 4"]
@@ -243,33 +243,33 @@ class Surroundings:
     errors: Mapping[str, Float[np.ndarray, "n _"]]  # Of each sensor, on its axes
 
 
-def surroundings_of(spec: RigidBodyFlightSpec) -> Surroundings:
-    """Draw everything that a flight meets."""
-    height, angles, injected, air, torque, *sensing = streams(spec.seed)
+def draw_conditions(spec: RigidBodyFlightSpec) -> Surroundings:
+    """Draw the conditions of a flight."""
+    height, angles, injected, air, torque, *sensor_streams = streams(spec.seed)
     count, step_s, wind = spec.count, spec.step_s, spec.wind
 
     def series(rng: np.random.Generator, *sources: Excitation | None) -> Vectors:
         """Each source's series from a stream of its own; zeros where there is none."""
         pairs = zip(sources, rng.spawn(len(sources)), strict=True)
-        each = [of.sample(count, step_s, stream) if of else np.zeros(count) for of, stream in pairs]
-        return np.column_stack(each)
+        columns = [x.sample(count, step_s, stream) if x else np.zeros(count) for x, stream in pairs]
+        return np.column_stack(columns)
 
     reference = environment.altitude_reference(
         spec.trajectory, count=count, step_s=step_s, rng=height, vigour=spec.vigour
     )
     period = round(spec.rate_hz / spec.controller.rate_hz)
-    held = np.arange(count) // period * period  # what is injected is held as torque setpoints are
+    last_update = np.arange(count) // period * period  # injected torques are held as torque setpoints are
     axes = dict.fromkeys(SENSORS, 3) | {"rotor_speed": spec.vehicle.rotors.count}
     sensors = {name: getattr(spec.sensors, name) for name in SENSORS}
     return Surroundings(
         height=np.column_stack(reference),
-        attitude=quaternions(series(angles, *about(spec.attitude))),
-        injected=series(injected, *about(spec.injection))[held],
+        attitude=quaternions(series(angles, *axis_values(spec.attitude))),
+        injected=series(injected, *axis_values(spec.injection))[last_update],
         wind=np.array(wind.steady) + series(air, wind.x, wind.y, wind.z),
-        disturbance=series(torque, *about(spec.torque_disturbance)) @ spec.vehicle.inertia_matrix,
+        disturbance=series(torque, *axis_values(spec.torque_disturbance)) @ spec.vehicle.inertia_matrix,
         errors={
             name: sensor.errors(count, axes[name], rng)
-            for (name, sensor), rng in zip(sensors.items(), sensing, strict=False)
+            for (name, sensor), rng in zip(sensors.items(), sensor_streams, strict=False)
             if sensor
         },
     )
@@ -315,21 +315,21 @@ def _thrust_map(rotors: Rotors) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ClosedLoopRecord:
-    """What happened in one flight, a row for each step."""
+    """States, commands and setpoints of one flight, a row for each step."""
 
     body: Float[np.ndarray, "n 13"]  # Position [m], velocity [m/s], attitude w, x, y, z, body rates [rad/s]
     rotor_speed: Float[np.ndarray, "n rotors"]  # [rad/s]
     rotor_command: Float[np.ndarray, "n rotors"]  # [rad/s]
     thrust: Series  # Collective thrust setpoint, a share of full thrust
     torque: Vectors
-    wanted_rate: Vectors  # [rad/s]
+    rate_setpoint: Vectors  # [rad/s]
 
 
-def fly(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> Iterator[ClosedLoopRecord]:
+def fly(specs: Sequence[RigidBodyFlightSpec], env: Sequence[Surroundings]) -> Iterator[ClosedLoopRecord]:
     """Fly specifications whose `shared_settings` are the same, side by side."""
     count, flights, start = specs[0].count, len(specs), 0
     series: list[Float[np.ndarray, "n ..."]] = []
-    for moments in _moments(specs, met):
+    for moments in _chunks(specs, env):
         for number, (part, shape) in enumerate(zip(zip(*moments, strict=True), _SHAPES, strict=True)):
             # Of rotors, flights side by side have a list of one array.
             values = np.array(part).reshape(len(moments), *shape, flights)
@@ -342,14 +342,14 @@ def fly(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> It
 
 
 def shared_settings(spec: RigidBodyFlightSpec) -> tuple[object, ...]:
-    """What flights that are simulated side by side have in common."""
+    """Settings that flights must share to be simulated side by side."""
     c = spec.controller
     loops = (c.rate_hz, c.attitude_hz, c.height_hz)
     return (spec.rate_hz, spec.count, spec.vehicle.rotors.count, loops)
 
 
-#: Steps for which what is read is laid out at a time.
-CHUNK = 500
+#: Steps whose inputs are laid out at a time.
+CHUNK_STEPS = 500
 
 #: Series that a loop reads, one entry for each step: components of one row.
 _Rows: TypeAlias = Sequence[dynamics.Components] | Float[np.ndarray, "n _ flights"]
@@ -360,72 +360,72 @@ _Moment: TypeAlias = tuple[Body, list[Value], list[Value], Value, Triple, Triple
 _SHAPES: tuple[tuple[int, ...], ...] = ((13,), (-1,), (-1,), (), (3,), (3,))
 
 
-def _moments(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> Iterator[list[_Moment]]:
-    """Fly to the end; some steps at a time, so that what is read and what happened takes little space."""
-    first, vehicles, alone = specs[0], [spec.vehicle for spec in specs], len(specs) == 1
-    step_s, control, late = first.step_s, first.controller, [spec.vehicle.rotors.delay for spec in specs]
+def _chunks(specs: Sequence[RigidBodyFlightSpec], env: Sequence[Surroundings]) -> Iterator[list[_Moment]]:
+    """Moments of the whole flight, some steps at a time to save memory."""
+    first, vehicles, single = specs[0], [spec.vehicle for spec in specs], len(specs) == 1
+    step_s, control, delays = first.step_s, first.controller, [spec.vehicle.rotors.delay for spec in specs]
     gains = [gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s) for spec in specs]
     cascade = controller.Cascade(dynamics.together(gains), 1.0 / control.rate_hz, 1.0 / control.height_hz)
-    senses = [LiveFilter([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES]
-    mixer = controller.mixer_of(vehicles[0]) if alone else controller.mixers_side_by_side(vehicles)
-    stepper = runge_kutta(coefficients_of(vehicles[0]) if alone else dynamics.side_by_side(vehicles), step_s)
-    body: Body = _start(met[0]).tolist() if alone else np.stack([_start(item) for item in met], axis=1)
+    filters = [LiveFilter([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES]
+    mixer = controller.mixer_of(vehicles[0]) if single else controller.stacked_mixer(vehicles)
+    stepper = runge_kutta(coefficients_of(vehicles[0]) if single else dynamics.side_by_side(vehicles), step_s)
+    body: Body = _start(env[0]).tolist() if single else np.stack([_start(item) for item in env], axis=1)
     hover = np.tile([vehicle.hover_speed for vehicle in vehicles], (vehicles[0].rotors.count, 1))
-    speeds: list[Value] = hover[:, 0].tolist() if alone else [hover]
-    line = controller.DelayLine(late, step_s, speeds)
-    every, attitude_every, height_every = (
+    speeds: list[Value] = hover[:, 0].tolist() if single else [hover]
+    line = controller.DelayLine(delays, step_s, speeds)
+    rate_every, attitude_every, height_every = (
         round(first.rate_hz / hz) for hz in (control.rate_hz, control.attitude_hz, control.height_hz)
     )
-    holds = any(spec.controller.hold for spec in specs)
+    holds_position = any(spec.controller.hold for spec in specs)
     thrust = dynamics.ZERO
     rates = torque = (dynamics.ZERO, dynamics.ZERO, dynamics.ZERO)
     command = speeds
     for k in range(first.count):
-        now = k % CHUNK
-        if now == 0:
-            read, moments = _read(met, k), list[_Moment]()
-        seen = (
-            _sum(body[10:13], read["angular_rate_error"][now]),
-            dynamics.turned(body[6:10], *read["attitude_error"][now]),
-            _sum(body[3:6], read["velocity_error"][now]),
-            _sum(body[0:3], read["position_error"][now]),
+        row = k % CHUNK_STEPS
+        if row == 0:
+            inputs, moments = _chunk_inputs(env, k), list[_Moment]()
+        true_readings = (
+            _sum(body[10:13], inputs["angular_rate_error"][row]),
+            dynamics.turned(body[6:10], *inputs["attitude_error"][row]),
+            _sum(body[3:6], inputs["velocity_error"][row]),
+            _sum(body[0:3], inputs["position_error"][row]),
         )
         (p, q, r), attitude, velocity, position = (
-            sense.read(raw) for sense, raw in zip(senses, seen, strict=True)
+            sense.read(raw) for sense, raw in zip(filters, true_readings, strict=True)
         )
         if k % height_every == 0:
             _, x, y, _ = attitude
             cosine = 1.0 - 2.0 * (x * x + y * y)
-            z, climb, acceleration = read["height"][now]
+            z, climb, acceleration = inputs["height"][row]
             thrust = cascade.thrust((z, climb, acceleration), position[2], velocity[2], cosine)
         if k % attitude_every == 0:
-            wanted = read["attitude"][now]
-            if holds:
-                wanted = cascade.holding(wanted, position[:2], velocity[:2])
-            rates = cascade.rates(wanted, attitude)
-        if k % every == 0:
-            roll, pitch, yaw = _sum(cascade.torques(rates, (p, q, r)), read["injected"][now])
+            attitude_reference = inputs["attitude"][row]
+            if holds_position:
+                attitude_reference = cascade.holding(attitude_reference, position[:2], velocity[:2])
+            rates = cascade.rates(attitude_reference, attitude)
+        if k % rate_every == 0:
+            roll, pitch, yaw = _sum(cascade.torques(rates, (p, q, r)), inputs["injected"][row])
             torque = (roll, pitch, yaw)
             command = mixer.commands(thrust, torque)
         moments.append((body, speeds, command, thrust, torque, rates))
-        (wx, wy, wz), (mx, my, mz) = read["wind"][now], read["disturbance"][now]
-        body, speeds = stepper(body, speeds, line.pass_on(command), (wx, wy, wz), (mx, my, mz))
-        if now == CHUNK - 1 or k == first.count - 1:
+        (wx, wy, wz), (mx, my, mz) = inputs["wind"][row], inputs["disturbance"][row]
+        body, speeds = stepper(body, speeds, line.push(command), (wx, wy, wz), (mx, my, mz))
+        if row == CHUNK_STEPS - 1 or k == first.count - 1:
             yield moments
 
 
-def _read(met: Sequence[Surroundings], start: int) -> dict[str, _Rows]:
-    """What the loop reads of the next steps: floats of one flight, arrays of several."""
-    part = slice(start, start + CHUNK)
+def _chunk_inputs(env: Sequence[Surroundings], start: int) -> dict[str, _Rows]:
+    """Inputs of the loop for the next steps: floats of one flight, arrays of several."""
+    part = slice(start, start + CHUNK_STEPS)
     series = ("height", "attitude", "injected", "wind", "disturbance")
-    rows = {name: [getattr(item, name)[part] for item in met] for name in series}
-    rows |= {f"{name}_error": [item.errors[name][part] for item in met] for name in SENSES}
-    return {name: of[0].tolist() if len(met) == 1 else np.stack(of, axis=-1) for name, of in rows.items()}
+    rows = {name: [getattr(item, name)[part] for item in env] for name in series}
+    rows |= {f"{name}_error": [item.errors[name][part] for item in env] for name in SENSES}
+    return {name: of[0].tolist() if len(env) == 1 else np.stack(of, axis=-1) for name, of in rows.items()}
 
 
-def _start(met: Surroundings) -> Float[np.ndarray, " 13"]:
-    height, climb, _ = met.height[0]
-    return np.array([0.0, 0.0, height, *met.wind[0, :2], climb, *met.attitude[0], 0.0, 0.0, 0.0])
+def _start(env: Surroundings) -> Float[np.ndarray, " 13"]:
+    height, climb, _ = env.height[0]
+    return np.array([0.0, 0.0, height, *env.wind[0, :2], climb, *env.attitude[0], 0.0, 0.0, 0.0])
 
 
 def _sum(first: dynamics.Components, second: dynamics.Components) -> list[Value]:
@@ -436,35 +436,35 @@ SIMULATOR = "rigid body"
 
 
 def recording_of(
-    spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Vectors
+    spec: RigidBodyFlightSpec, env: Surroundings, flight: ClosedLoopRecord, force: Vectors
 ) -> Recording:
     """Log of a flight."""
     rng = streams(spec.seed)[-1]
     channels: dict[str, Channel] = {}
-    for sensor, series in _logged_together(spec, met, flight, force):
+    for sensor, series in _sensor_series(spec, env, flight, force):
         rows = sensor.rows(spec.count, spec.step_s)
         time_s = sensor.stamps(rows, spec.step_s, rng)
         for name, values in series.items():
             if not any(fnmatch(name, item) for item in spec.logged.omitted):
                 channels[name] = environment.simulated_channel(name, SIMULATOR, time_s, values[rows])
     logged_hz = [rate or math.inf for rate in (spec.logged.rotor_command_hz, spec.logged.setpoint_hz)]
-    whole = min(logged_hz) >= spec.controller.rate_hz
+    complete = min(logged_hz) >= spec.controller.rate_hz
     return Recording(
         name=f"rigid body, {spec.trajectory}, seed {spec.seed}",
         format="simulation",
         channels=channels,
         frame=Frame.Z_UP,
-        parameters={CONTROLLER_RATE: spec.controller.rate_hz} if whole else {},
+        parameters={CONTROLLER_RATE: spec.controller.rate_hz} if complete else {},
         input_map="" if spec.vehicle.rotors.thrust_linear else "square",
     )
 
 
-def _logged_together(
-    spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Vectors
+def _sensor_series(
+    spec: RigidBodyFlightSpec, env: Surroundings, flight: ClosedLoopRecord, force: Vectors
 ) -> Iterator[tuple[Sensor, dict[str, Series]]]:
-    """What each sensor measures; commands, setpoints and references."""
+    """Series of each sensor; commands, setpoints and references."""
     body, logged = flight.body, spec.logged
-    attitude = np.column_stack(dynamics.turned(list(body[:, 6:10].T), *met.errors["attitude"].T))
+    attitude = np.column_stack(dynamics.turned(list(body[:, 6:10].T), *env.errors["attitude"].T))
     measured: tuple[tuple[str, str, controller.Readings, Iterable[object]], ...] = (
         ("angular_rate", "angular_rate", body[:, 10:13], "xyz"),
         ("specific_force", "specific_force_body", force, "xyz"),
@@ -475,20 +475,20 @@ def _logged_together(
     )
     for name, stem, values, parts in measured:
         if sensor := getattr(spec.sensors, name):
-            raw = values if name == "attitude" else values + met.errors[name]
+            raw = values if name == "attitude" else values + env.errors[name]
             yield sensor, _named(stem, sensor.readings(raw, spec.step_s), parts)
     setpoints = {
         "input": flight.thrust,
         **_named("torque_setpoint", flight.torque, "xyz"),
-        **_named("feedback_reference_angular_rate", flight.wanted_rate, "xyz"),
+        **_named("feedback_reference_angular_rate", flight.rate_setpoint, "xyz"),
     }
-    if met.injected.any():
-        setpoints |= _named("injected_torque", met.injected, "xyz")
+    if env.injected.any():
+        setpoints |= _named("injected_torque", env.injected, "xyz")
     yield Sensor(rate_hz=logged.rotor_command_hz), _named("rotor_command", flight.rotor_command, count(1))
     yield Sensor(rate_hz=logged.setpoint_hz), setpoints
     height = ("reference_position_z", "reference_velocity_z", "reference_acceleration_z")
     references = (*height, "reference_roll", "reference_pitch", "reference_yaw")
-    series = [*met.height.T, *roll_pitch_yaw(met.attitude.T)]
+    series = [*env.height.T, *roll_pitch_yaw(env.attitude.T)]
     yield Sensor(rate_hz=logged.reference_hz), dict(zip(references, series, strict=True))
 
 
@@ -504,7 +504,7 @@ LOST_M, LOST_COSINE = 5.0, 0.17
 
 @dataclass(frozen=True, slots=True)
 class RigidBodyTruth:
-    """What is true of a flight, a row for each step of the simulation, without errors of sensors."""
+    """Truth of a flight, a row for each step of the simulation."""
 
     record: ClosedLoopRecord
     specific_force: Vectors  # On the body's axes [m/s^2]
@@ -519,34 +519,34 @@ RigidBodyFlight: TypeAlias = environment.SimulatedFlight[RigidBodyTruth]
 def simulate_rigid_body_flights(specs: Sequence[RigidBodyFlightSpec]) -> Iterator[RigidBodyFlight]:
     """Fly each specification and give its log and its truth, in order."""
     for _, group in groupby(specs, shared_settings):
-        together = list(group)
-        most = max(BATCH_STEPS // together[0].count, 1)
-        for start in range(0, len(together), most):
-            batch = together[start : start + most]
-            met = [surroundings_of(spec) for spec in batch]
-            for spec, item, entry in zip(batch, met, fly(batch, met), strict=True):
-                yield _flight(spec, item, entry)
+        similar = list(group)
+        batch_size = max(BATCH_STEPS // similar[0].count, 1)
+        for start in range(0, len(similar), batch_size):
+            batch = similar[start : start + batch_size]
+            env = [draw_conditions(spec) for spec in batch]
+            for spec, of_flight, record in zip(batch, env, fly(batch, env), strict=True):
+                yield _flight(spec, of_flight, record)
 
 
-def _flight(spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord) -> RigidBodyFlight:
+def _flight(spec: RigidBodyFlightSpec, env: Surroundings, flight: ClosedLoopRecord) -> RigidBodyFlight:
     body = flight.body
     force = specific_force(
         dynamics.side_by_side([spec.vehicle]),
         np.ascontiguousarray(body.T),
         [np.ascontiguousarray(flight.rotor_speed.T)],
-        (met.wind[:, 0], met.wind[:, 1], met.wind[:, 2]),
+        (env.wind[:, 0], env.wind[:, 1], env.wind[:, 2]),
     )
     truth = RigidBodyTruth(
         record=flight,
         specific_force=np.column_stack(force),
-        air_velocity=body[:, 3:6] - met.wind,
+        air_velocity=body[:, 3:6] - env.wind,
         parameters=dynamics.effective_parameters(spec.vehicle),
         control_effectiveness=control_effectiveness(spec.vehicle),
     )
     cosine = 1.0 - 2.0 * (body[:, 7] ** 2 + body[:, 8] ** 2)
-    away = np.abs(body[:, 2] - met.height[:, 0])
-    flew = bool(away.max() < LOST_M and cosine.min() > LOST_COSINE)
-    return environment.SimulatedFlight(recording_of(spec, met, flight, truth.specific_force), truth, flew)
+    height_error = np.abs(body[:, 2] - env.height[:, 0])
+    flew = bool(height_error.max() < LOST_M and cosine.min() > LOST_COSINE)
+    return environment.SimulatedFlight(recording_of(spec, env, flight, truth.specific_force), truth, flew)
 
 
 def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
@@ -562,7 +562,7 @@ def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
 
 
 def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dict[str, object]:
-    """Everything true, as a JSON document; what the vertical motion's truth has by the same names."""
+    """The truth as a JSON document, with the names of the vertical motion's truth."""
     parameters = flight.truth.parameters
     return {
         "viscous_friction": viscous_friction(flight.truth),

@@ -39,7 +39,7 @@ class VerticalVehicles:
 
 @dataclass(frozen=True, slots=True)
 class VerticalEnvironment:
-    """What acts on flights from outside: arrays of shape (samples, flights), of one flight (samples,)."""
+    """References, wind and sensor noise of flights: arrays (samples, flights), of one flight (samples,)."""
 
     reference_position: Samples  # [m, m/s, m/s^2]
     reference_velocity: Samples  # [m, m/s, m/s^2]
@@ -62,7 +62,7 @@ class AltitudeController:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedMotion:
-    """What happened, arrays of shape (samples, flights)."""
+    """Commands and states of flights, arrays of shape (samples, flights)."""
 
     command: Samples  # [k]
     rotor_state: Samples  # [k]
@@ -93,22 +93,22 @@ def simulate_vertical(
         tilt, lift, gust = environment.cos_tilt[k], lifts[k], environment.gust[k]
         measured_z = z + environment.position_noise[k]
         measured_v = v + environment.velocity_noise[k]
-        away = environment.reference_position[k] - measured_z
-        wanted_v = environment.reference_velocity[k] + controller.position_gain * away
-        error_v = wanted_v - measured_v
+        error_z = environment.reference_position[k] - measured_z
+        velocity_setpoint = environment.reference_velocity[k] + controller.position_gain * error_z
+        error_v = velocity_setpoint - measured_v
         integral += error_v * step_s
-        wanted_a = (
+        acceleration_setpoint = (
             environment.reference_acceleration[k]
             + controller.velocity_gain * error_v
             + controller.integral_gain * integral
         )
-        thrust = (GRAVITY + wanted_a) / (vehicles.input_gain * tilt)
+        thrust = (GRAVITY + acceleration_setpoint) / (vehicles.input_gain * tilt)
         command = np.sqrt(np.clip(thrust, *THRUST_RANGE * hover**2))
         out.command[k], out.rotor_state[k], out.position[k], out.velocity[k] = command, state, z, v
         out.specific_force[k] = vehicles.input_gain * lift * state**2 - vehicles.viscous_friction * (v - gust)
         for _ in range(SUBSTEPS):
-            reached = np.asarray(line.pass_on([command])[0])
-            state, z, v = substep.end(reached, state, z, v, gust, lift)
+            delayed = np.asarray(line.push([command])[0])
+            state, z, v = substep.end(delayed, state, z, v, gust, lift)
     return out
 
 
@@ -121,7 +121,7 @@ class ExactSubstep:
         self._K, self._K_u, self._h = K, vehicles.input_gain, h
         self._decay = np.exp(-rate * h)
         self._damping = np.exp(-K * h)
-        # Responses of v, and integrals, of the three parts of the driving acceleration.
+        # Responses of v, and their integrals, to the three parts of the driving acceleration.
         self._held = -np.expm1(-K * h) / K
         self._slow = (self._decay - self._damping) / (K - rate)
         self._fast = (self._decay**2 - self._damping) / (K - 2.0 * rate)
@@ -132,14 +132,14 @@ class ExactSubstep:
         self, command: Flights, state: Flights, z: Flights, v: Flights, gust: Flights, lift: Flights
     ) -> tuple[Flights, Flights, Flights]:
         """Rotor state, height and velocity at the end; K_u times `lift` is what the state does upwards."""
-        away = state - command
+        deviation = state - command
         gain = self._K_u * lift
         D0 = gain * command**2 + self._K * gust - GRAVITY
-        D1, D2 = 2.0 * gain * command * away, gain * away**2
+        D1, D2 = 2.0 * gain * command * deviation, gain * deviation**2
         velocity = self._damping * v + self._held * D0 + self._slow * D1 + self._fast * D2
         # The equation of motion, integrated: K times the height gained is impulse less momentum.
         impulse = self._h * D0 + self._slow_integral * D1 + self._fast_integral * D2
-        return command + self._decay * away, z + (impulse - (velocity - v)) / self._K, velocity
+        return command + self._decay * deviation, z + (impulse - (velocity - v)) / self._K, velocity
 
 
 #: Step of the controller and of the log [s].
@@ -200,9 +200,9 @@ class VerticalFlightSpec:
     @property
     def gain_share(self) -> Float[np.ndarray, " samples"]:
         """K_u at each stamp over that at the beginning."""
-        since = STEP_S * np.arange(self.count) - self.gain_changes_at
-        done = np.clip(since / max(self.gain_changes_over, STEP_S), 0.0, 1.0)
-        return np.asarray(1.0 + (self.gain_after - 1.0) * done)
+        elapsed = STEP_S * np.arange(self.count) - self.gain_changes_at
+        progress = np.clip(elapsed / max(self.gain_changes_over, STEP_S), 0.0, 1.0)
+        return np.asarray(1.0 + (self.gain_after - 1.0) * progress)
 
     @property
     def controller(self) -> AltitudeController:
@@ -210,7 +210,7 @@ class VerticalFlightSpec:
         return AltitudeController(self.position_share * velocity, velocity, self.integral_share * velocity**2)
 
 
-#: Its truth is what it met and what happened.
+#: A flight whose truth is its environment and its motion.
 VerticalFlight: TypeAlias = SimulatedFlight[tuple[VerticalEnvironment, SimulatedMotion]]
 #: Flights that are simulated side by side: memory stays flat, about a megabyte for a minute of each.
 BATCH = 48
@@ -232,7 +232,7 @@ def simulate_vertical_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[V
 
 
 def _surroundings(spec: VerticalFlightSpec) -> tuple[VerticalEnvironment, Samples]:
-    """What one flight meets, in arrays of shape (samples,), and the tilt that it measures."""
+    """Environment of one flight, in arrays of shape (samples,), and its measured tilt."""
     shape, air, sensors, attitude = (
         np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(spec.seed).spawn(4)
     )
@@ -248,34 +248,34 @@ def _surroundings(spec: VerticalFlightSpec) -> tuple[VerticalEnvironment, Sample
     smooth = actuator_state(angles, step_s=STEP_S, lag_s=TILT_SMOOTHING_S, delay_s=0.0)
     errors = spec.noise.errors(count, 2, sensors)
     noises = (errors[name][:, 0] for name in ("position", "velocity", "acceleration"))
-    met = [*reference, wind[:, 0], np.cos(smooth).prod(axis=1), *noises]
-    return VerticalEnvironment(*met), np.cos(smooth + errors["attitude"]).prod(axis=1)
+    series = [*reference, wind[:, 0], np.cos(smooth).prod(axis=1), *noises]
+    return VerticalEnvironment(*series), np.cos(smooth + errors["attitude"]).prod(axis=1)
 
 
-def together(kind: type[Parts], each: Sequence[object], names: Sequence[str] = ()) -> Parts:
-    """Fields of several flights, of their own names or others, as arrays whose last axis is the flight."""
+def stacked(kind: type[Parts], items: Sequence[object], names: Sequence[str] = ()) -> Parts:
+    """Fields of several flights stacked along a last axis, optionally under other names."""
     fields = names or kind.__annotations__
-    return kind(*(np.stack([getattr(item, name) for item in each], axis=-1) for name in fields))
+    return kind(*(np.stack([getattr(item, name) for item in items], axis=-1) for name in fields))
 
 
 def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[VerticalFlight]:
-    each, tilts = zip(*map(_surroundings, specs), strict=True)
-    environment = together(VerticalEnvironment, each)
+    environments, tilts = zip(*map(_surroundings, specs), strict=True)
+    environment = stacked(VerticalEnvironment, environments)
     motion = simulate_vertical(
-        together(VerticalVehicles, specs, ("viscous_friction", "input_gain", "actuator_lag", "delay")),
+        stacked(VerticalVehicles, specs, ("viscous_friction", "input_gain", "actuator_lag", "delay")),
         environment,
         step_s=STEP_S,
-        controller=together(AltitudeController, [spec.controller for spec in specs]),
+        controller=stacked(AltitudeController, [spec.controller for spec in specs]),
         gain_share=np.stack([spec.gain_share for spec in specs], axis=1),
     )
-    for number, (spec, met, tilt) in enumerate(zip(specs, each, tilts, strict=True)):
+    for number, (spec, single, tilt) in enumerate(zip(specs, environments, tilts, strict=True)):
         title = f"vertical simulator, {spec.trajectory}, seed {spec.seed}"
         recording = vertical_recording(
             title, SIMULATOR, environment, motion, number, cos_tilt=tilt, bias=spec.accelerometer_bias
         )
         moved = SimulatedMotion(*(getattr(motion, name)[:, number] for name in SimulatedMotion.__slots__))
-        flew = bool(np.abs(moved.position - met.reference_position).max() < LOST_M)
-        yield SimulatedFlight(recording, (met, moved), flew)
+        flew = bool(np.abs(moved.position - single.reference_position).max() < LOST_M)
+        yield SimulatedFlight(recording, (single, moved), flew)
 
 
 def vertical_recording(

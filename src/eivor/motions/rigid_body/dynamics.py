@@ -43,7 +43,7 @@ class Coefficients:
     body: tuple[tuple[Value, ...], ...]  # Linear, quadratic and rotational drag along or about each axis
 
 
-#: What rotors call by the same name.
+#: Coefficients that rotors hold under the same name.
 OF_ROTORS = (
     *("thrust_linear", "thrust_quadratic", "torque_ratio"),
     *("drag", "inflow", "translational_lift", "flapping"),
@@ -74,13 +74,13 @@ def side_by_side(vehicles: Sequence[Vehicle], gravity: float = GRAVITY) -> Coeff
     counts = sorted({vehicle.rotors.count for vehicle in vehicles})
     if len(counts) != 1:
         raise UsageError("vehicles with equally many rotors", f"{counts} rotors", "Simulate them separately.")
-    each = [coefficients_of(vehicle, gravity) for vehicle in vehicles]
+    coefficients = [coefficients_of(vehicle, gravity) for vehicle in vehicles]
     # (rotors, 4, flights): of every rotor position and spin
-    positions = np.array([item.places for item in each]).transpose(1, 2, 0)
+    positions = np.array([item.places for item in coefficients]).transpose(1, 2, 0)
     x, y, z, spin = (np.ascontiguousarray(positions[:, part]) for part in range(4))
     return stacked(
-        each,
-        gyroscopic=any(item.gyroscopic for item in each),
+        coefficients,
+        gyroscopic=any(item.gyroscopic for item in coefficients),
         weight_acceleration=gravity,
         places=((x, y, z, spin),),
     )
@@ -91,26 +91,26 @@ def elements(matrix: Float[np.ndarray, "3 3"]) -> tuple[float, ...]:
     return tuple(float(matrix[pair]) for pair in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
 
 
-def stacked(values: Sequence[Any], **given: Any) -> Any:
-    """Dataclasses field by field but for those that are given, tuples by element, numbers as an array."""
+def stacked(values: Sequence[Any], **replaced: Any) -> Any:
+    """Values stacked into arrays, dataclasses by field (some of them replaced) and tuples by element."""
     if is_dataclass(values[0]):
-        names = [item.name for item in fields(values[0]) if item.name not in given]
-        made = {name: stacked([getattr(value, name) for value in values]) for name in names}
+        names = [item.name for item in fields(values[0]) if item.name not in replaced]
+        fields_made = {name: stacked([getattr(value, name) for value in values]) for name in names}
         kind: Any = type(values[0])
-        return kind(**made, **given)
+        return kind(**fields_made, **replaced)
     if isinstance(values[0], tuple):
         return tuple(stacked(parts) for parts in zip(*values, strict=True))
     return np.array(values, dtype=np.float64)
 
 
-def together(each: Sequence[Any]) -> Any:
+def together(items: Sequence[Any]) -> Any:
     """Floats of one flight as they are, those of several as arrays whose last axis is the flight."""
-    return each[0] if len(each) == 1 else stacked(each)
+    return items[0] if len(items) == 1 else stacked(items)
 
 
 @dataclass(frozen=True, slots=True)
 class EffectiveParameters:
-    """What the equations of motion hold, at hover in still air."""
+    """Combined parameters of the equations of motion, at hover in still air."""
 
     gyroscopic_ratios: tuple[float, float, float]
     torque_gains: tuple[float, float, float]  # [rad/s^2 per metre and unit of phi]
@@ -128,7 +128,7 @@ class EffectiveParameters:
 
 
 def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
-    """Combinations that a flight of the vehicle shows."""
+    """Identifiable combinations of the vehicle's parameters."""
     rotors, mass, speed = vehicle.rotors, vehicle.mass, vehicle.hover_speed
     ix, iy, iz = vehicle.inertia[:3]
     gain = rotors.thrust_quadratic or rotors.thrust_linear
@@ -219,7 +219,7 @@ def body_derivative(
 
 
 def specific_force(coefficients: Coefficients, body: Body, speeds: Sequence[Value], wind: Triple) -> Triple:
-    """What an accelerometer in the centre of mass measures on the body's axes [m/s^2]: +g upward in hover."""
+    """Specific force at the centre of mass on the body's axes [m/s^2]: +g upward in hover."""
     _, _, _, vx, vy, vz, w, x, y, z, p, q, r = body
     air = into_body(rotation(w, x, y, z), vx - wind[0], vy - wind[1], vz - wind[2])
     fx, fy, fz = wrench(coefficients, air, (p, q, r), speeds)[0]
@@ -250,8 +250,8 @@ def turned(attitude: Components, x: Value, y: Value, z: Value) -> list[Value]:
         c + a * y + d * x - b * z,
         d + a * z + b * y - c * x,
     )
-    short = (w * w + x * x + y * y + z * z) ** -0.5
-    return [w * short, x * short, y * short, z * short]
+    scale = (w * w + x * x + y * y + z * z) ** -0.5
+    return [w * scale, x * scale, y * scale, z * scale]
 
 
 def vector_part(
@@ -265,12 +265,12 @@ def vector_part(
 
 
 def continuous(parts: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "4 n"]:
-    """The same attitudes without jumps to the opposite quaternion, which is the same attitude."""
+    """Attitudes without jumps to the opposite quaternion."""
     known = np.flatnonzero(np.isfinite(parts).all(axis=0))
     result = parts.copy()
     if known.size > 1:
-        along = (parts[:, known[1:]] * parts[:, known[:-1]]).sum(axis=0)
-        result[:, known[1:]] *= np.cumprod(np.where(along < 0.0, -1.0, 1.0))
+        cosines = (parts[:, known[1:]] * parts[:, known[:-1]]).sum(axis=0)
+        result[:, known[1:]] *= np.cumprod(np.where(cosines < 0.0, -1.0, 1.0))
     return result
 
 
@@ -281,7 +281,7 @@ def into_body(rows: Rows, x: Value, y: Value, z: Value) -> Triple:
 
 
 def felt(rows: Rows, velocity: Float[np.ndarray, "3 n"], step_s: float) -> Float[np.ndarray, "3 n"]:
-    """What an accelerometer reads on the body's axes where the velocity in the world changes as it does."""
+    """Specific force on the body's axes that follows from the velocity in the world."""
     x, y, z = (time_derivative(axis, step_s) for axis in velocity)
     return np.stack(into_body(rows, x, y, z + GRAVITY))
 
@@ -293,7 +293,7 @@ def wrench(
     c = coefficients
     u, v, w = air
     p, q, r = rates
-    swiftness = (u * u + v * v + w * w) ** 0.5
+    airspeed = (u * u + v * v + w * w) ** 0.5
     (x1, y1, z1), (x2, y2, z2), (x3, y3, z3) = c.body
     fx = fy = fz = mx = my = mz = ZERO
     linear, quadratic, torque_ratio = c.thrust_linear, c.thrust_quadratic, c.torque_ratio
@@ -311,7 +311,7 @@ def wrench(
     if not isinstance(fx, float):
         fx, fy, fz, mx, my, mz = (over_rotors(part) for part in (fx, fy, fz, mx, my, mz))
     return (
-        (fx - (x1 + x2 * swiftness) * u, fy - (y1 + y2 * swiftness) * v, fz - (z1 + z2 * swiftness) * w),
+        (fx - (x1 + x2 * airspeed) * u, fy - (y1 + y2 * airspeed) * v, fz - (z1 + z2 * airspeed) * w),
         (mx - x3 * p, my - y3 * q, mz - z3 * r),
     )
 

@@ -102,9 +102,9 @@ def _equation(
 ) -> AxisEquation:
     """Equation of turning about an axis, of means over steps, or of the specific force along one."""
     terms = tuple(
-        Term(item.name, of, QUANTITIES[item.name].symbol, item.unit, behind=lags)
-        for lags, listed in ((False, steady), (True, behind))
-        for item, of in listed.items()
+        Term(item.name, text, QUANTITIES[item.name].symbol, item.unit, behind=lagged)
+        for lagged, parameters in ((False, steady), (True, behind))
+        for item, text in parameters.items()
     )
     words, unit = f"specific force along {name}", "m/s²"
     response: tuple[str, ...] = (f"specific_force_body_{name}", f"felt_{name}")
@@ -172,7 +172,7 @@ BY_VELOCITY = {item.name for item in (*QUADRATIC_DRAG, *LIFT_MOMENT, *ALL_DRAG_M
 
 
 def drives(text: str) -> bool:
-    """Whether that is what the rotors do by themselves."""
+    """Whether an expression is over thrusts and spin only."""
     return {*parsed(text).columns} <= {*THRUSTS, SPIN_UP}
 
 
@@ -188,7 +188,7 @@ def body_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
 
 
 def on_body_axes(signals: Signals, u: Series, v: Series, s: Series) -> Float[np.ndarray, "n 3"]:
-    """A vector of the world, turned into the body's axes."""
+    """A vector of the world on the body's axes."""
     return np.column_stack(into_body(_rows(signals), u, v, s))
 
 
@@ -224,13 +224,13 @@ def _cos_tilt(signals: Signals, run: slice) -> Float[np.ndarray, " length"]:
 
 
 def _integrated(rate: Float[np.ndarray, " length"], step_s: float) -> Float[np.ndarray, " length"]:
-    """Integral without its slow parts, of Butterworth's shape (second order, once forward and once back)."""
-    summed = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * step_s
-    level = summed - np.linspace(summed[0], summed[-1], summed.size)
-    frequency = np.fft.rfftfreq(level.size, step_s)
-    kept = np.zeros(frequency.size)
-    kept[1:] = 1.0 / (1.0 + (TAKEN_OUT_HZ / frequency[1:]) ** 4)
-    return np.asarray(np.fft.irfft(kept * np.fft.rfft(level), level.size))
+    """Integral behind a zero-phase Butterworth high-pass of the second order."""
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * step_s
+    detrended = integral - np.linspace(integral[0], integral[-1], integral.size)
+    frequency = np.fft.rfftfreq(detrended.size, step_s)
+    gain = np.zeros(frequency.size)
+    gain[1:] = 1.0 / (1.0 + (TAKEN_OUT_HZ / frequency[1:]) ** 4)
+    return np.asarray(np.fft.irfft(gain * np.fft.rfft(detrended), detrended.size))
 
 
 # -- Instruments --
@@ -252,33 +252,33 @@ def references(
     """References of an axis with their lags; those of no axis of turning are of height."""
     turning = {source.channel: number for number, item in enumerate(AXES) for source in item.references}
     names = tuple(name for name in rule.channels if turning.get(name, FORCE_Z_EQUATION) == axis)
-    still = np.zeros(flight.signals.sample_count)
-    return replace(rule, channels=names, lags=lags).columns(flight.signals, still)
+    no_command = np.zeros(flight.signals.sample_count)
+    return replace(rule, channels=names, lags=lags).columns(flight.signals, no_command)
 
 
 def predicted(rotors: RotorStates, rule: separable.LaggedReferences) -> RotorStates:
-    """The same flight with predictions in place of its commands, rates and velocity."""
+    """The flight with commands, rates and velocity as references predict them."""
     flight, arms = rotors.flight, rotors.vehicle.arms
     signals, used, channels = flight.signals, flight.used, dict(flight.signals.channels)
 
-    def says(values: Series, axis: int, lags: tuple[int, float]) -> Series:
+    def predict(values: Series, axis: int, lags: tuple[int, float]) -> Series:
         """Prediction by the references of one axis, within what the values were."""
         result = cross_fitted(references(flight, rule, axis, lags), values[:, None], used)[:, 0]
         return np.clip(result, values[used].min(), values[used].max()) if used.any() else result
 
     turning = [(axis, QUICK) for axis in range(FORCE_X_EQUATION)]
-    # commands are put together of what lifts and what turns
+    # commands are sums of thrust and of torques about each axis
     logged = signals.family(flight.input.name)
     shares = zip(np.linalg.lstsq(arms.T, logged.T, rcond=None)[0], (BY_AXIS[2], *turning), strict=True)
-    commands = arms.T @ np.stack([says(share, *of) for share, of in shares])
+    commands = arms.T @ np.stack([predict(share, *by) for share, by in shares])
     commands = np.clip(commands, logged[used].min(), logged[used].max())
     channels |= zip(flight.driving, commands, strict=True)
     rates = zip((axis.rate for axis in AXES), turning, strict=True)
-    channels |= {name: says(signals.channel(name), *of) for name, of in rates}
+    channels |= {name: predict(signals.channel(name), *by) for name, by in rates}
     velocity = body_velocity(signals)
     if velocity is not None:
         pairs = zip(velocity.T, BY_AXIS, strict=True)
-        channels |= zip(VELOCITY, (says(along, *of) for along, of in pairs), strict=True)
+        channels |= zip(VELOCITY, (predict(component, *by) for component, by in pairs), strict=True)
         for part in ATTITUDE:
             channels[part] = np.full(signals.sample_count, float(part == ATTITUDE[0]))
     flight = replace(flight, signals=replace(signals, channels=channels))
@@ -289,15 +289,15 @@ def predicted(rotors: RotorStates, rule: separable.LaggedReferences) -> RotorSta
 Filter = Callable[[Series], Series]
 
 
-def filtered(column: Series, step_s: float, cutoff_hz: float, taken_s: float) -> Series:
-    """Column behind a low-pass of second order, whose delay was taken off the stamps as far as given [s]."""
-    late = low_passed(column[:, None], step_s=step_s, cutoff_hz=cutoff_hz)
-    early_s = min(max(taken_s, 0.0), math.sqrt(2.0) / (2.0 * math.pi * cutoff_hz))
-    return (shifted_by(late, step_s=step_s, delay_s=-early_s) if early_s else late)[:, 0]
+def filtered(column: Series, step_s: float, cutoff_hz: float, corrected_s: float) -> Series:
+    """Column behind a second-order low-pass, less the delay that stamps were corrected for [s]."""
+    lagging = low_passed(column[:, None], step_s=step_s, cutoff_hz=cutoff_hz)
+    early_s = min(max(corrected_s, 0.0), math.sqrt(2.0) / (2.0 * math.pi * cutoff_hz))
+    return (shifted_by(lagging, step_s=step_s, delay_s=-early_s) if early_s else lagging)[:, 0]
 
 
 def before(values: Float[np.ndarray, "*parts n"]) -> Float[np.ndarray, "*parts n"]:
-    """Values at the sample before; the first one stays."""
+    """Values of the previous sample; the first one stays."""
     return np.concatenate([values[..., :1], values[..., :-1]], axis=-1)
 
 
@@ -323,7 +323,7 @@ TOLERANCE_S = 3e-7
 def lag_and_delay(
     flights: Sequence[PreparedFlight], known: KnownNumber | None
 ) -> tuple[separable.Nuisance, separable.Nuisance]:
-    """Lag and delay of commands, both continuous; of a delay that is known, what is known of it [s]."""
+    """Lag and delay of commands, both continuous, with a known delay as a prior [s]."""
     if all(flight.input.measured for flight in flights):
         return lagged_runs.measured_state()
     lag, delay = lagged_runs.lag_and_delay(SEARCH_LAGS_S, SEARCH_DELAYS_S)
@@ -343,52 +343,52 @@ def body_signals(flight: PreparedFlight) -> Signals:
     velocity = np.zeros_like(rates) if known is None else np.ascontiguousarray(known.T)
     along_z = inferred_velocity(signals, flight.runs) if known is None else None
     velocity[2] += 0.0 if along_z is None else along_z
-    made = dict(zip((*RATES, *MOVED), (*rates, *velocity), strict=True))
-    made |= {name: time_derivative(rate, step_s) for name, rate in zip(TURNED, rates, strict=True)}
-    made |= zip((f"change_{name}" for name in TURNING), change_over_step(rates, step_s), strict=True)
-    made[SPEED] = np.linalg.norm(velocity, axis=0)
+    series = dict(zip((*RATES, *MOVED), (*rates, *velocity), strict=True))
+    series |= {name: time_derivative(rate, step_s) for name, rate in zip(TURNED, rates, strict=True)}
+    series |= zip((f"change_{name}" for name in TURNING), change_over_step(rates, step_s), strict=True)
+    series[SPEED] = np.linalg.norm(velocity, axis=0)
     if known is not None:  # what an accelerometer would read where the velocity changes as it does
         derived = felt(_rows(signals), np.stack([*map(signals.channel, VELOCITY)]), step_s)
-        made |= zip((f"felt_{axis}" for axis in ALONG), derived, strict=True)
-    return replace(signals, channels={**signals.channels, **made})
+        series |= zip((f"felt_{axis}" for axis in ALONG), derived, strict=True)
+    return replace(signals, channels={**signals.channels, **series})
 
 
 @dataclass(eq=False)
 class RotorStates:
-    """What all equations of a flight are evaluated over."""
+    """Rotor states and signals that the equations of a flight share."""
 
     flight: PreparedFlight
     vehicle: KnownVehicle
-    usual: float  # State of a rotor at hover, nearly, for which damping and drag are
-    signals: Signals  # What no lag moves
+    usual: float  # State of a rotor near hover, to which damping and drag refer
+    signals: Signals  # Channels without a lag
     #: Izz over Ixx and Iyy, by which what rotors that spin turn goes with their reaction
     inertia_ratios: tuple[float, float] | None = None
     _last: tuple[Mapping[str, float], tuple[States, States]] | None = None
-    predicted: RotorStates | None = None  # What references predict of the same
+    predicted: RotorStates | None = None  # The same as references predict it
 
     def at(self, path: Mapping[str, float]) -> tuple[States, States]:
-        """Sums over the rotors at a lag and a delay; the same with means over steps of what drives."""
+        """Sums over the rotors at a lag and a delay, with thrusts at samples, and as means over steps."""
         if self._last is None or self._last[0] != path:
             thrust_of, step_s = input_map(self.flight.input_map), self.flight.signals.step_s
-            later = {**path, "delay_s": path["delay_s"] + 0.5 * step_s}
-            state, between = (self.flight.input.state(self._logged, step_s, **to) for to in (path, later))
-            thrust, halfway = (self.vehicle.arms @ thrust_of(item).T for item in (state, between))
+            shifted = {**path, "delay_s": path["delay_s"] + 0.5 * step_s}
+            state, mid_state = (self.flight.input.state(self._logged, step_s, **p) for p in (path, shifted))
+            thrust, halfway = (self.vehicle.arms @ thrust_of(item).T for item in (state, mid_state))
             # Simpson's rule: a rotor follows its command smoothly within a step
             mean = (before(thrust) + 4.0 * halfway + thrust) / 6.0
             *sums, spin = self.vehicle.sums @ state.T
             states = dict(zip(STATES, (*(item / self.usual for item in sums), spin), strict=True))
             states |= zip(RATIOS, self.inertia_ratios or (), strict=False)
             changes = time_derivative(spin, step_s), change_over_step(spin, step_s)
-            now, means = (
+            at_samples, means = (
                 {**states, **dict(zip(THRUSTS, driving, strict=True)), SPIN_UP: change}
                 for driving, change in zip((thrust, mean), changes, strict=True)
             )
-            self._last = path, (now, means)
+            self._last = path, (at_samples, means)
         return self._last[1]
 
     @cached_property
     def _logged(self) -> Float[np.ndarray, "n rotors"]:
-        """What was logged of the rotors, each rotor's values side by side in memory."""
+        """Logged inputs of the rotors, contiguous for each rotor."""
         return np.asfortranarray(self.flight.signals.family(self.flight.input.name))
 
 
@@ -408,7 +408,7 @@ class BodyEquation(AxisEquation):
     def columns(
         self, signals: Signals, texts: Sequence[str], states: States | None = None, delay_s: float = 0.0
     ) -> Float[np.ndarray, "n k"]:
-        """As logged: behind its sensor's filter, where they are not made of filtered rates."""
+        """Columns behind the filter of the sensor, unless they are made of filtered rates."""
         results = super().columns(signals, texts, {**self.rotors.vehicle.numbers, **(states or {})}, delay_s)
         for text, column in zip(texts, results.T, strict=True):
             if self.turns and not (drives(text) or text in self.response):
@@ -426,7 +426,7 @@ class BodyEquation(AxisEquation):
             return None
         name = AXES[TURNING.index(self.name)].rate if self.turns else self.response[0]
         taken_s = flight.recording.channel(name).delay_s
-        return partial(filtered, step_s=flight.signals.step_s, cutoff_hz=cutoff_hz, taken_s=taken_s)
+        return partial(filtered, step_s=flight.signals.step_s, cutoff_hz=cutoff_hz, corrected_s=taken_s)
 
     @property
     def band_hz(self) -> tuple[float, float]:
@@ -438,18 +438,18 @@ class BodyEquation(AxisEquation):
         return FROM_HZ if inferred else low, min(high, BAND_SHARE * slowest)
 
     def instruments(self, signals: Signals, rule: separable.InstrumentRule, others: set[str]) -> np.ndarray:
-        """Columns by references, some of them like columns of what the rotors do."""
+        """Instruments by references: predicted regressors, or lags of references."""
         if not isinstance(rule, separable.LaggedReferences):
             return super().instruments(signals, rule, others)
         if self.rotors.predicted is None:
             self.rotors.predicted = predicted(self.rotors, rule)
         rotors, flight = self.rotors.predicted, self.rotors.flight
         if self.turns:
-            kept = tuple(item for item in self.terms if item.name not in UNLAGGED)
-            moving = DrivenColumns(replace(self, rotors=rotors, terms=kept), rotors.signals)
+            lagged = tuple(item for item in self.terms if item.name not in UNLAGGED)
+            moving = DrivenColumns(replace(self, rotors=rotors, terms=lagged), rotors.signals)
             names, measured = (lagged_runs.ACTUATOR_LAG.name, lagged_runs.DELAY.name), flight.input.measured
             lags_s, delays_s = ((0.0,), INSTRUMENT_DELAYS_S) if measured else (INSTRUMENT_LAGS_S, (0.0,))
-            columns = [moving(dict(zip(names, at, strict=True))) for at in product(lags_s, delays_s)]
+            columns = [moving(dict(zip(names, values, strict=True))) for values in product(lags_s, delays_s)]
         else:
             columns = [references(flight, rule, *BY_AXIS[ALONG.index(self.name)])]
         texts = self.instruments_of
@@ -457,8 +457,8 @@ class BodyEquation(AxisEquation):
             texts = tuple(of for of in texts if {*MOVED, SPEED}.isdisjoint(parsed(of).columns))
         # what is commanded, in place of states
         spin = rotors.vehicle.arms[3] @ rotors.flight.signals.family(flight.input.name).T
-        given = {**rotors.vehicle.numbers, "spin": spin}
-        return np.column_stack([*columns, *(evaluated(parsed(of), rotors.signals, given) for of in texts)])
+        numbers = {**rotors.vehicle.numbers, "spin": spin}
+        return np.column_stack([*columns, *(evaluated(parsed(of), rotors.signals, numbers) for of in texts)])
 
 
 def equations_of(
@@ -466,13 +466,13 @@ def equations_of(
 ) -> Iterator[dict[int, AxisEquation]]:
     """Equations of each flight, by number, with the terms that all flights are logged for."""
     known, usual = set.intersection(*({*item.signals.channels} for item in flights)), usual_state(flights)
-    moves = {*NEEDED} <= known
-    forces = [f"specific_force_body_{axis}" in known and (moves or axis == "z") for axis in ALONG]
+    has_velocity = {*NEEDED} <= known
+    forces = [f"specific_force_body_{axis}" in known and (has_velocity or axis == "z") for axis in ALONG]
     declared = {}
     for (number, item), logged in zip(enumerate(EQUATIONS), (True, True, True, *forces), strict=True):
         if logged:
-            terms = tuple(term for term in item.terms if moves or term.name not in BY_VELOCITY)
-            declared[number] = {**vars(item), "terms": terms, "response": item.response[: 1 + moves]}
+            terms = tuple(term for term in item.terms if has_velocity or term.name not in BY_VELOCITY)
+            declared[number] = {**vars(item), "terms": terms, "response": item.response[: 1 + has_velocity]}
     for flight in flights:
         driven_by = {"inputs": (flight.input.name,)}
         rotors = RotorStates(flight, vehicle, usual, body_signals(flight))
@@ -486,15 +486,15 @@ def body_equation(axis_columns: lagged_runs.AxisColumns) -> BodyEquation:
 
 def usual_state(flights: tuple[PreparedFlight, ...]) -> float:
     """State of a rotor at hover: it gives the mean thrust of flights, over the mean specific force in g."""
-    chosen, force = input_map(flights[0].input_map), "specific_force_body_z"
-    thrust = float(np.mean([chosen(flight.used_input).mean() for flight in flights]))
+    curve, force = input_map(flights[0].input_map), "specific_force_body_z"
+    thrust = float(np.mean([curve(flight.used_input).mean() for flight in flights]))
     forces = [
         flight.signals.channel(force)[flight.used].mean()
         for flight in flights
         if force in flight.signals.channels
     ]
     load = float(np.mean(forces)) / GRAVITY if forces else 1.0
-    return chosen.inverse(thrust / load if 0.5 < load < 2.0 else thrust)
+    return curve.inverse(thrust / load if 0.5 < load < 2.0 else thrust)
 
 
 def hover_state(flight: PreparedFlight, vehicle: KnownVehicle, thrust: float) -> float | None:
@@ -516,11 +516,11 @@ def noises_known(flight: PreparedFlight) -> bool:
 
 
 def noisier(flight: PreparedFlight) -> PreparedFlight:
-    """The flight with so much more of every noise that is declared."""
+    """The flight with every declared noise added once more."""
     signals, rng = flight.signals, np.random.default_rng(SEED)
-    more = {
+    noisy = {
         name: values + signals.noise[name].sample(signals.sample_count, rng)
         for name, values in signals.channels.items()
         if name in signals.noise
     }
-    return replace(flight, signals=replace(signals, channels={**signals.channels, **more}))
+    return replace(flight, signals=replace(signals, channels={**signals.channels, **noisy}))

@@ -64,14 +64,14 @@ def omitted_variable_tests(
     linear = _linear(problem, estimate)
     differences: dict[str, Difference] = {}
     for name, (column, instrument) in _term_bins(problem, estimate, flights).items():
-        made = replace(
+        extended = replace(
             linear,
             regressors=np.hstack([column, linear.regressors]),
             instruments=np.hstack([linear.instruments, instrument]),
             parameters=(Parameter(name, ""), *linear.parameters),
         )
         try:
-            shift = estimated(GivenBins(made), {})[0].differences[name]
+            shift = estimated(GivenBins(extended), {})[0].differences[name]
         except (EstimationError, InstrumentError, TooFewSamplesError):
             continue
         size = gain if name in SHARES else 1.0
@@ -82,28 +82,28 @@ def omitted_variable_tests(
 def _term_bins(
     problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
 ) -> dict[str, list[Complex[np.ndarray, "bins 1"]]]:
-    """Column of each term that all flights know, and its instrument, in the rows in frequency."""
+    """Column and instrument of each term that all flights have channels for, in frequency."""
     columns, measured = problem.columns, []
-    timed = any(regression.voltage(flight) is None for flight in flights)  # one coefficient has one meaning
+    by_time = any(regression.voltage(flight) is None for flight in flights)  # one coefficient has one meaning
     for item, flight in zip(columns, flights, strict=True):
         mapped, height = item.moving(estimate.nuisances)[:, 0], regression.height_over_ground(flight)[0]
         volts, mean = (
-            _share_of_time(flight) if timed else regression.voltage(flight),
+            _share_of_time(flight) if by_time else regression.voltage(flight),
             float(mapped[flight.used].mean()),
         )
-        away = volts if timed or volts is None else volts / float(volts[flight.used].mean()) - 1.0
+        deviation = volts if by_time or volts is None else volts / float(volts[flight.used].mean()) - 1.0
         time = flight.grid.time_s - float(np.mean(flight.span_s))
         known = {"velocity_z": -item.fixed[:, 0], MAPPED: mapped, RADII: height}
-        known |= {VOLTAGE_SHARE: away, "time": time}
+        known |= {VOLTAGE_SHARE: deviation, "time": time}
         known["mean"] = np.full(1, mean) if mean else None
         measured.append({name: values for name, values in known.items() if values is not None})
     pairs = zip(measured, columns, strict=True)
-    by_references = [of | regression.explained_channels(of, item) for of, item in pairs]
+    by_references = [row | regression.explained_channels(row, item) for row, item in pairs]
     added = {SUPPLY if term is regression.VOLTAGE_TERM else term.parameter.name for term in problem.terms}
     return {
-        name: [problem.spectra([column(of)[:, None] for of in each]) for each in (measured, by_references)]
-        for name, (needed, column) in _TERMS.items()
-        if name not in added and all(needed in of for of in measured)
+        name: [problem.spectra([column(row)[:, None] for row in rows]) for rows in (measured, by_references)]
+        for name, (channel, column) in _TERMS.items()
+        if name not in added and all(channel in row for row in measured)
     }
 
 
@@ -137,24 +137,24 @@ class OmittedTerms:
     clock_reach_s: float = 0.0
 
     def missed(self, name: str) -> bool:
-        """Whether a term is missed, by so much that it matters."""
-        size = self.there(name, MISSED) * abs(self._times(name))
+        """Whether a term is significant and large enough to matter."""
+        size = self.significant(name, MISSED) * abs(self._factor(name))
         return size > 0.0 and size >= LEAST_TERM.get(name, 0.0)
 
     @property
     def supply_change(self) -> float:
-        """Share that the thrust of one command changed by over the flight; zero where nothing says so."""
-        return self.there(SUPPLY, DOUBTFUL) * abs(self._times(SUPPLY))
+        """Change of the thrust of one command over the flight, as a share; zero unless significant."""
+        return self.significant(SUPPLY, DOUBTFUL) * abs(self._factor(SUPPLY))
 
     def clocks_apart_s(self, several: bool) -> tuple[float, float]:
-        """What several clocks are apart by, and what is not known of it; one clock beyond doubt only [s]."""
+        """Significant drift between clocks over the flight, and its uncertainty [s]."""
         item = self.differences.get(CLOCK_DRIFT)
         unknown = UNKNOWN_DRIFT if item is None else min(item.half_width, UNKNOWN_DRIFT)
-        known = min(self.there(CLOCK_DRIFT, DOUBTFUL if several else MISSED), LARGEST_DRIFT)
+        known = min(self.significant(CLOCK_DRIFT, DOUBTFUL if several else MISSED), LARGEST_DRIFT)
         return known * self.clock_reach_s, unknown * self.clock_reach_s * several
 
-    def there(self, name: str, p_value: float) -> float:
-        """Size of a coefficient that is there by its test; zero for none."""
+    def significant(self, name: str, p_value: float) -> float:
+        """Size of a coefficient that is significant; zero otherwise."""
         difference = self.differences.get(name)
         return 0.0 if difference is None or not difference.p_value < p_value else abs(difference.value)
 
@@ -168,7 +168,7 @@ class OmittedTerms:
         """A sentence with a capital letter."""
         return capitalised(self.sentence(name))
 
-    def _times(self, name: str) -> float:
+    def _factor(self, name: str) -> float:
         return 1.0 if name != SUPPLY or self.voltage_change is None else self.voltage_change
 
     @property
@@ -200,12 +200,12 @@ class OmittedTerms:
             drag = f"a drag of {value:.2g} ± {half:.2g} 1/m times the squared speed"
             return f"{drag} is missed: K is that of these speeds"
         if name == regression.GROUND:
-            grows = "grows" if value > 0.0 else "falls"
-            return f"thrust {grows} towards the ground, as if the ground were near"
+            verb = "grows" if value > 0.0 else "falls"
+            return f"thrust {verb} towards the ground, as if the ground were near"
         if name == CURVATURE:
-            bends = "more" if value > 0.0 else "less"
+            sign = "more" if value > 0.0 else "less"
             by = f"{value:+.2g} ± {half:.2g} times the squared share of the input beyond its mean"
-            return f"thrust bends {bends} than the input map: {by}"
+            return f"thrust bends {sign} than the input map: {by}"
         if name == CLOCK_DRIFT:
             return f"the clocks of command and motion drift apart by {1e6 * value:.0f} ± {1e6 * half:.0f} ppm"
         changed = self.voltage_change
@@ -215,8 +215,8 @@ class OmittedTerms:
                 f"{half:.2g}: the voltage changed by {changed:.0%}, and the thrust by "
                 f"{abs(value * changed):.0%} (± {half * changed:.0%})"
             )
-        moved, share = "rose" if value > 0.0 else "fell", f"{abs(value):.1%} (± {half:.1%})"
-        return f"the thrust of one command {moved} by {share} with the supply or the time"
+        direction, share = "rose" if value > 0.0 else "fell", f"{abs(value):.1%} (± {half:.1%})"
+        return f"the thrust of one command {direction} by {share} with the supply or the time"
 
 
 #: Frequencies of the runs, and power there that sums to the mean square.
@@ -225,14 +225,14 @@ NO_SPECTRUM: Spectrum = np.zeros(0), np.zeros(0)
 
 
 def coherent_friction(velocity: Spectrum, frequency_hz: float, used_s: float) -> float:
-    """Friction that a unit of force at a frequency looks like, at the worst of all phases [s/m]."""
+    """Friction error by a unit of force at a frequency, at the worst of all phases [s/m]."""
     frequencies, power = velocity
-    whole, near = float(power.sum()), power[np.abs(frequencies - frequency_hz) <= 1.0 / used_s]
-    return float(np.sqrt(float(near.sum())) / whole) if whole > 0.0 else 0.0
+    total, at_frequency = float(power.sum()), power[np.abs(frequencies - frequency_hz) <= 1.0 / used_s]
+    return float(np.sqrt(float(at_frequency.sum())) / total) if total > 0.0 else 0.0
 
 
 def velocity_spectrum(problem: VerticalFlights) -> Spectrum:
-    """Power of what the instruments explain of the velocity."""
+    """Power spectrum of the velocity as instruments predict it."""
     frequencies, powers, count = [], [], 0
     for item in problem.columns:
         if not item.instruments.shape[1]:
@@ -246,7 +246,7 @@ def velocity_spectrum(problem: VerticalFlights) -> Spectrum:
     return np.concatenate(frequencies), np.concatenate(powers) / count
 
 
-#: By cause: what joint parameters change by where it adds a unit to the response.
+#: By cause: changes of joint parameters for a unit of it in the response.
 Sensitivities = Mapping[str, Mapping[str, float]]
 
 
@@ -273,31 +273,31 @@ def sensitivities(
     sideways = [_sideways(flight) for flight in flights]
     tilts = [name for name in sideways[0] if all(name in other for other in sideways)]
     causes = [OFFSET.name, *(TILTS[name].name for name in tilts)]
-    added = []
+    cause_columns = []
     for item, moving in zip(columns, sideways, strict=True):
         series = (item.responses.mean(axis=1), *(moving[name] for name in tilts))
-        added.append(np.gradient(np.array(series), item.step_s, axis=1).T)
+        cause_columns.append(np.gradient(np.array(series), item.step_s, axis=1).T)
     linear = _linear(problem, estimate)
-    regressors = np.hstack([linear.regressors, problem.spectra(added)])
+    regressors = np.hstack([linear.regressors, problem.spectra(cause_columns)])
     count = regressors.shape[1]
     theta = np.pad(estimate.theta, (0, count - estimate.theta.size))
     names = (*linear.parameters, *(Parameter(cause, "") for cause in causes))
-    made = replace(linear, regressors=regressors, parameters=names)
-    whitened = SpectralWhitening().last_pass(GivenBins(made), theta, {})
+    extended = replace(linear, regressors=regressors, parameters=names)
+    whitened = SpectralWhitening().last_pass(GivenBins(extended), theta, {})
     rows = whitened.rows({})
     products = rows.instruments.T @ rows.regressors
     known_columns = count - len(causes)
     effects = [products[:, known_columns:]]
-    for sensor in SENSORS if made.responses.shape[1] == len(SENSORS) else ():
-        late = problem.spectra([_lateness(item, sensor, estimate.theta[0]) for item in columns])
-        response = replace(made, responses=late).whitened_rows(whitened.blend, whitened.power)[:, 0]
+    for sensor in SENSORS if extended.responses.shape[1] == len(SENSORS) else ():
+        delayed = problem.spectra([_lateness(item, sensor, estimate.theta[0]) for item in columns])
+        response = replace(extended, responses=delayed).whitened_rows(whitened.blend, whitened.power)[:, 0]
         effects.append((rows.instruments.T @ response)[:, None])
         causes.append(f"late {sensor}")
-    known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
-    left = np.vstack([products[:, :known_columns], known])
-    right = np.vstack([np.hstack(effects), np.zeros((len(known), len(causes)))])
-    moved = zip(causes, np.linalg.lstsq(left, right, rcond=None)[0].T.tolist(), strict=True)
-    return {cause: dict(zip(estimate.names, row, strict=True)) for cause, row in moved}
+    prior_rows = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
+    design = np.vstack([products[:, :known_columns], prior_rows])
+    effects_and_priors = np.vstack([np.hstack(effects), np.zeros((len(prior_rows), len(causes)))])
+    shifts = zip(causes, np.linalg.lstsq(design, effects_and_priors, rcond=None)[0].T.tolist(), strict=True)
+    return {cause: dict(zip(estimate.names, row, strict=True)) for cause, row in shifts}
 
 
 def _lateness(item: AxisColumns, sensor: str, friction: float) -> Float[np.ndarray, "n 2"]:
@@ -322,13 +322,13 @@ def omitted_terms(
 
 
 def _clock_reach_s(item: AxisColumns, flight: PreparedFlight, estimate: Estimate) -> float:
-    """From the mean time, weighted by the power of the input's change, to the farther end of a flight [s]."""
+    """Distance from the mean time, weighted by the input's power, to the farther end [s]."""
     lift = item.moving(estimate.nuisances)[:, :1]
-    by = explained(item.instruments, item.runs, lift) if item.instruments.shape[1] else lift
+    weighting = explained(item.instruments, item.runs, lift) if item.instruments.shape[1] else lift
     time, used, (start, end) = flight.grid.time_s, flight.used, flight.span_s
-    power = np.gradient(by[:, 0], time)[used] ** 2
-    middle = float(np.average(time[used], weights=power)) if power.any() else 0.5 * (start + end)
-    return max(middle - start, end - middle)
+    power = np.gradient(weighting[:, 0], time)[used] ** 2
+    mean_time = float(np.average(time[used], weights=power)) if power.any() else 0.5 * (start + end)
+    return max(mean_time - start, end - mean_time)
 
 
 # -- Sensors --
@@ -336,7 +336,7 @@ def _clock_reach_s(item: AxisColumns, flight: PreparedFlight, estimate: Estimate
 OFFSET = Parameter("offset", "s")
 SCALE = Parameter("scale", "")
 TILTS = {name: Parameter(f"tilt_{name}", "rad") for name in ("forward", "left", "x", "y")}
-#: Smaller differences matter to no result.
+#: Differences that are too small to matter.
 LEAST_SENSOR_DIFFERENCE = {OFFSET.name: 0.001, SCALE.name: 0.005} | {
     tilt.name: float(np.deg2rad(0.3)) for tilt in TILTS.values()
 }
@@ -355,19 +355,19 @@ SIDEWAYS_LAGS_S = (0.2, 0.2, 0.4)
 
 
 def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFlight]) -> GivenBins | None:
-    """Regression of D - A on what each kind of disagreement would leave of it."""
+    """Regression of D - A on the column of each kind of disagreement."""
     if any(item.responses.shape[1] < 2 or not item.instruments.shape[1] for item in problem.columns):
         return None
     sideways = [_sideways(flight) for flight in flights]
-    names = tuple(sideways[0]) if all(moving.keys() == sideways[0].keys() for moving in sideways) else ()
+    names = tuple(sideways[0]) if all(speeds.keys() == sideways[0].keys() for speeds in sideways) else ()
     pairs = [(item, [of[name] for name in names]) for item, of in zip(problem.columns, sideways, strict=True)]
-    kinds, lags = (problem.spectra([made(*pair) for pair in pairs]) for made in (_kinds, _lags))
+    causes, lags = (problem.spectra([made(*pair) for pair in pairs]) for made in (_kinds, _lags))
     bins = problem.bins(problem.first_values)
     return GivenBins(
         replace(
             bins,
             responses=bins.responses @ [[-1.0], [1.0]],
-            regressors=kinds,
+            regressors=causes,
             instruments=np.hstack([bins.instruments, lags]),
             parameters=(OFFSET, SCALE, *(TILTS[name] for name in names)),
         )
@@ -382,26 +382,26 @@ def _kinds(axis_columns: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -
 
 
 def turned(flights: Sequence[PreparedFlight]) -> tuple[str, str]:
-    """The sensor, if any, that goes down where others go up, and a sentence that says it."""
+    """The sensor with the opposite sign, if any, and a sentence about it."""
     pairs = {"height": ("position_z", "velocity_z"), "accelerometer": ("velocity_z", "specific_force_z")}
-    others = [name for name, pair in pairs.items() if any(_opposed(flight, *pair) for flight in flights)]
-    if others == ["height"] and any("specific_force_z" in item.signals.channels for item in flights):
+    opposite = [name for name, pair in pairs.items() if any(_opposite(flight, *pair) for flight in flights)]
+    if opposite == ["height"] and any("specific_force_z" in item.signals.channels for item in flights):
         return "height", "The height goes down where velocity and accelerometer go up: check its sign."
-    words = f"{' and '.join(others)} go{'' if others[1:] else 'es'}"
-    return ("velocity", f"The velocity goes down where {words} up.") if others else ("", "")
+    words = f"{' and '.join(opposite)} go{'' if opposite[1:] else 'es'}"
+    return ("velocity", f"The velocity goes down where {words} up.") if opposite else ("", "")
 
 
-def _opposed(flight: PreparedFlight, level: str, rate: str) -> bool:
+def _opposite(flight: PreparedFlight, level: str, rate: str) -> bool:
     """Whether changes of a level over half a second go against the sums of its rate."""
     levels, rates = (
         flight.signals.channels.get(key, regression.channel_on_grid(flight, key)) for key in (level, rate)
     )
     steps = max(round(0.5 / flight.signals.step_s), 1)
-    both = flight.used[steps:] & flight.used[:-steps]
-    if levels is None or rates is None or not both.any():
+    valid = flight.used[steps:] & flight.used[:-steps]
+    if levels is None or rates is None or not valid.any():
         return False
-    sums = levels, np.cumsum(np.nan_to_num(rates))
-    changes = np.array([(item[steps:] - item[:-steps])[both] for item in sums])
+    series = levels, np.cumsum(np.nan_to_num(rates))
+    changes = np.array([(item[steps:] - item[:-steps])[valid] for item in series])
     return bool(np.corrcoef(changes)[0, 1] < -0.5)
 
 
@@ -458,7 +458,7 @@ def _heading(flight: PreparedFlight) -> tuple[Float[np.ndarray, " n"], Float[np.
 
 
 def sentence(name: str, difference: Difference) -> str:
-    """What a difference is, with number and unit."""
+    """A difference in words, with number and unit."""
     value, half = difference.value, difference.half_width
     if name == OFFSET.name:
         early, late = SENSORS if value > 0.0 else SENSORS[::-1]
@@ -482,7 +482,7 @@ def sentence(name: str, difference: Difference) -> str:
 
 def _scale_sentence(scale: Difference) -> str:
     value, times = scale.value, velocity_over_accelerometer(scale.value)
-    if one_stands(scale):
+    if may_stand_still(scale):
         still, moving = SENSORS if value < 0.0 else SENSORS[::-1]
         return f"The {still} does not follow the {moving}."
     if not 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
@@ -491,18 +491,18 @@ def _scale_sentence(scale: Difference) -> str:
     return f"The velocity reads {abs(times - 1.0):.1%} (± {width:.1%}) {more} than the accelerometer."
 
 
-def one_stands(scale: Difference) -> bool:
-    """Whether one sensor may stand still while the other moves, so that their ratio has no known sign."""
+def may_stand_still(scale: Difference) -> bool:
+    """Whether one sensor may stand still, so that their ratio has no known sign."""
     return abs(abs(scale.value) - 2.0) <= scale.half_width
 
 
 def velocity_over_accelerometer(scale: float) -> float:
-    """What the velocity reads over what the accelerometer does, of their difference over both's mean."""
+    """Ratio of velocity to accelerometer, from their difference over the mean of both."""
     return (1.0 + scale / 2.0) / (1.0 - scale / 2.0) if scale != 2.0 else np.inf
 
 
 def either_sentence(agreement: SensorAgreement) -> str:
-    """What the differences are of which the flight does not identify which is there."""
+    """Differences that the flight cannot tell apart, in words."""
     text = " Or: ".join(sentence(name, item) for name, item in agreement.either.items())
     return f"{text} This flight does not identify which." if len(agreement.either) > 1 else text
 
@@ -530,23 +530,23 @@ def corrected(
     """Flights with tilts taken out of the attitude, and to align, offset and scale out of a sensor."""
     known = agreement.significant
     tilts = {name: known[tilt.name] for name, tilt in TILTS.items() if tilt.name in known}
-    moved = tuple(_levelled(flight, tilts) for flight in flights)
+    levelled = tuple(_levelled(flight, tilts) for flight in flights)
     offset_s, scale = (known[name].value if name in known else 0.0 for name in (OFFSET.name, SCALE.name))
     if not (options.align and (offset_s or scale)):
-        return moved
-    return tuple(_aligned(flight, offset_s, scale) for flight in moved)
+        return levelled
+    return tuple(_aligned(flight, offset_s, scale) for flight in levelled)
 
 
 def _levelled(flight: PreparedFlight, tilts: Mapping[str, Difference]) -> PreparedFlight:
-    """A flight with the attitude of its accelerometer, unless the mean thrust says that the latter leans."""
+    """A flight with its attitude corrected, unless the mean thrust shows that the accelerometer leans."""
     channels, known = dict(flight.signals.channels), flight.recording.channels
     names = [f"specific_force_body_{axis}" for axis in "xyz"] if flight.runs else []
     forces = [force for name in names if (force := regression.channel_on_grid(flight, name)) is not None]
     if not (tilts and tilts.keys() <= set(BODY_AXES) and len(forces) == 3):
         return flight
-    felt = [float(force[flight.used].mean()) for force in forces]
+    means = [float(force[flight.used].mean()) for force in forces]
     forward, left = (tilts[name].value if name in tilts else 0.0 for name in BODY_AXES)
-    leaning = -(felt[0] * forward + felt[1] * left) / felt[2] / (forward**2 + left**2)
+    leaning = -(means[0] * forward + means[1] * left) / means[2] / (forward**2 + left**2)
     if math.hypot(forward, left) > np.deg2rad(LARGEST_TILT_DEG) or not leaning < LEANING_SHARE:
         return flight
     time_s, row = vertical_row([known[f"attitude_{axis}"] for axis in "wxyz"])
@@ -556,27 +556,27 @@ def _levelled(flight: PreparedFlight, tilts: Mapping[str, Difference]) -> Prepar
         if change is not None:
             channels[change.name] = channels[change.name] + on_grid(change, flight.grid)[0]
     texts = (sentence(TILTS[name].name, tilt).rstrip(".") for name, tilt in tilts.items())
-    noticed = [Finding("attitude_corrected", f"{text}: the attitude is corrected by it.") for text in texts]
+    notes = [Finding("attitude_corrected", f"{text}: the attitude is corrected by it.") for text in texts]
     return replace(
         flight,
         signals=replace(flight.signals, channels=channels),
         corrected=(*flight.corrected, *(TILTS[name].name for name in tilts)),
-        findings=(*flight.findings, *noticed),
+        findings=(*flight.findings, *notes),
     )
 
 
 def _aligned(flight: PreparedFlight, offset_s: float, scale: float) -> PreparedFlight:
     channels, time = dict(flight.signals.channels), flight.grid.time_s
-    late = "specific_force_z" if offset_s > 0.0 else "velocity_z"
-    channels[late] = np.interp(time + abs(offset_s), time, channels[late])
+    later = "specific_force_z" if offset_s > 0.0 else "velocity_z"
+    channels[later] = np.interp(time + abs(offset_s), time, channels[later])
     force, velocity = channels["specific_force_z"], channels["velocity_z"]
     if flight.runs and scale:
-        resting = force - np.gradient(velocity, flight.signals.step_s)
-        gravity = float(resting[flight.used].mean())
+        offset = force - np.gradient(velocity, flight.signals.step_s)
+        gravity = float(offset[flight.used].mean())
         # a mean that is off by more than half of the scale is that of a wrong accelerometer
         if abs(gravity * (1.0 + scale) - GRAVITY) < abs(gravity - GRAVITY):
             channels["specific_force_z"] = (1.0 + scale) * force
         else:
             channels["velocity_z"] = velocity / (1.0 + scale)
-    taken_out = (*flight.corrected, OFFSET.name, SCALE.name)
-    return replace(flight, signals=replace(flight.signals, channels=channels), corrected=taken_out)
+    removed = (*flight.corrected, OFFSET.name, SCALE.name)
+    return replace(flight, signals=replace(flight.signals, channels=channels), corrected=removed)

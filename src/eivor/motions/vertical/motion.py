@@ -27,8 +27,8 @@ from eivor.motions.vertical import commands, misspecification, regression, selec
 from eivor.motions.vertical.figures import key_figures
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
 from eivor.motions.vertical.regression import (
-    AT_ONCE,
     EQUATION,
+    NO_LAG_VALUES,
     Balance,
     VerticalFlights,
     WeightBalance,
@@ -86,7 +86,7 @@ def known_without_estimate(
     """Hover input of flights that gave no estimate, and its drift; nothing of a constant input."""
     if all(flight.constant_input for flight in flights):
         return {}, verdict.VerticalChecks()
-    of = WeightBalance(Vertical().problem(flights, NoInstruments()), AT_ONCE)  # lags hardly move means
+    of = WeightBalance(Vertical().problem(flights, NoInstruments()), NO_LAG_VALUES)  # lags hardly move means
     return {"hover_input": _hover(of)}, verdict.VerticalChecks(
         drift=of.drift, mean_command=_mean_command(of.problem)
     )

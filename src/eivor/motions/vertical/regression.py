@@ -38,8 +38,8 @@ MAPPED, DERIVATIVE = "mapped_input", "velocity_derivative"
 #: Of optional terms: the lift over the mapped input of that mean, the height over the ground in rotor radii,
 #: and the voltage over its mean less one.
 PER_INPUT, RADII, VOLTAGE_SHARE = "lift_per_input", "radii", "voltage_share"
-#: Actuators that follow at once.
-AT_ONCE = {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
+#: Actuators without lag and delay.
+NO_LAG_VALUES = {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,9 @@ EQUATION = VerticalEquation(
 
 def equation_of(flight: PreparedFlight, added: tuple[OptionalTerm, ...] = ()) -> VerticalEquation:
     """The equation with optional terms, and the input and the map of a flight."""
-    terms, chosen = (*EQUATION.terms, *added), input_map(flight.input_map)
-    linear = chosen == Power() and not flight.input.measured
-    return replace(EQUATION, terms=terms, driving=flight.input, input_map=chosen, linear=linear)
+    terms, curve = (*EQUATION.terms, *added), input_map(flight.input_map)
+    linear = curve == Power() and not flight.input.measured
+    return replace(EQUATION, terms=terms, driving=flight.input, input_map=curve, linear=linear)
 
 
 def mapped_input(flight: PreparedFlight, **path: float) -> Float[np.ndarray, " n"]:
@@ -89,31 +89,31 @@ def mapped_input(flight: PreparedFlight, **path: float) -> Float[np.ndarray, " n
 
 def mean_command(flight: PreparedFlight) -> float:
     """Mean of the rotors' commands over the command of their mean thrust, each a mean over time."""
-    each, chosen = flight.used_input.mean(axis=0), input_map(flight.input_map)
-    collective = chosen.inverse(float(chosen(each[None]).mean()))
-    return float(each.mean() / collective) if collective > 0.0 else 1.0
+    means, curve = flight.used_input.mean(axis=0), input_map(flight.input_map)
+    collective = curve.inverse(float(curve(means[None]).mean()))
+    return float(means.mean() / collective) if collective > 0.0 else 1.0
 
 
 def signals_of(
-    flight: PreparedFlight, of_terms: bool, radius: float | None, reference_voltage: float | None
+    flight: PreparedFlight, with_terms: bool, radius: float | None, reference_voltage: float | None
 ) -> Signals:
-    """What the equation is evaluated over: channels, and what is made of them."""
+    """Signals of the equation: channels, and series derived from them."""
     signals, mapped = flight.signals, mapped_input(flight)
-    made = {DERIVATIVE: np.gradient(signals.channel("velocity_z"), signals.step_s), MAPPED: mapped}
-    if of_terms:
+    added = {DERIVATIVE: np.gradient(signals.channel("velocity_z"), signals.step_s), MAPPED: mapped}
+    if with_terms:
         # of either sign; one where it is zero
-        made[PER_INPUT] = np.full(mapped.size, GRAVITY / (float(mapped[flight.used].mean()) or 1.0))
+        added[PER_INPUT] = np.full(mapped.size, GRAVITY / (float(mapped[flight.used].mean()) or 1.0))
         (height, _), volts = height_over_ground(flight), voltage(flight)
         if height is not None and radius is not None:
-            made[RADII] = height / radius
+            added[RADII] = height / radius
         if volts is not None and reference_voltage is not None:
-            made[VOLTAGE_SHARE] = volts / reference_voltage - 1.0
-    return replace(signals, channels={**signals.channels, **made})
+            added[VOLTAGE_SHARE] = volts / reference_voltage - 1.0
+    return replace(signals, channels={**signals.channels, **added})
 
 
 # -- Terms --
 
-#: Names of what the model leaves out, in tests that it is missed.
+#: Names of omitted terms in their tests.
 DRAG, GROUND, SUPPLY = "quadratic_drag", "ground_effect", "supply"
 #: Power of the polynomial of time that is an instrument for the voltage.
 TREND = 3
@@ -167,7 +167,7 @@ TERMS = {term.word: term for term in (QUADRATIC_DRAG, GROUND_EFFECT, VOLTAGE_TER
 def explained_channels(
     channels: Mapping[str, np.ndarray], item: AxisColumns
 ) -> dict[str, Float[np.ndarray, " n"]]:
-    """Velocity, mapped input and height as far as references explain them."""
+    """Velocity, mapped input and height as references predict them."""
     names = [name for name in ("velocity_z", MAPPED, RADII) if name in channels]
     made = explained(item.instruments, item.runs, np.column_stack([channels[name] for name in names])).T
     return dict(zip(names, made, strict=True))
@@ -177,26 +177,26 @@ def with_instruments_of(
     terms: Sequence[OptionalTerm], item: AxisColumns, signals: Signals
 ) -> Float[np.ndarray, "n q"]:
     """References of a flight, and an instrument for each term."""
-    given = explained_channels(signals.channels, item)
+    predicted = explained_channels(signals.channels, item)
     if VOLTAGE_SHARE in signals.channels:
         time = np.linspace(-1.0, 1.0, signals.sample_count)
         trend = np.column_stack([time**power for power in range(1, TREND + 1)])
         # the charge alone: loads, which references explain, pull the voltage down within a second
-        given[VOLTAGE_SHARE] = explained(trend, item.runs, signals.channel(VOLTAGE_SHARE)[:, None])[:, 0]
+        predicted[VOLTAGE_SHARE] = explained(trend, item.runs, signals.channel(VOLTAGE_SHARE)[:, None])[:, 0]
     return np.column_stack(
-        [item.instruments, *(evaluated(term.expression, signals, given) for term in terms)]
+        [item.instruments, *(evaluated(term.expression, signals, predicted) for term in terms)]
     )
 
 
 def explained(
-    by: Float[np.ndarray, "n p"], runs: Sequence[slice], columns: Float[np.ndarray, "n k"]
+    basis: Float[np.ndarray, "n p"], runs: Sequence[slice], columns: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "n k"]:
-    """Columns as far as others explain them by least squares over the runs, a constant among them."""
+    """Least-squares predictions of columns by others and a constant, over the runs."""
     parts = (slice(*ends) for run in runs for ends in row_blocks(run.start, run.stop, COPIED_ROWS))
-    rows = (np.column_stack([by[k], np.ones(k.stop - k.start), columns[k]]) for k in parts)
-    root, least = reduce(merged_roots, rows), len(by) * np.finfo(np.float64).eps
-    weights = np.linalg.lstsq(root[:, : by.shape[1] + 1], root[:, by.shape[1] + 1 :], rcond=least)[0]
-    return np.asarray(by @ weights[:-1] + weights[-1])
+    rows = (np.column_stack([basis[k], np.ones(k.stop - k.start), columns[k]]) for k in parts)
+    root, rcond = reduce(merged_roots, rows), len(basis) * np.finfo(np.float64).eps
+    weights = np.linalg.lstsq(root[:, : basis.shape[1] + 1], root[:, basis.shape[1] + 1 :], rcond=rcond)[0]
+    return np.asarray(basis @ weights[:-1] + weights[-1])
 
 
 # -- Flights --
@@ -207,9 +207,9 @@ class VerticalFlights(lagged_runs.LaggedRuns):
     """Regressions of vertical motion for each actuator lag and delay."""
 
     flights: tuple[PreparedFlight, ...]
-    made_of: Callable[[tuple[PreparedFlight, ...]], VerticalFlights]  # The same of other flights
+    made_of: Callable[[tuple[PreparedFlight, ...]], VerticalFlights]  # Problem of other flights
     terms: tuple[OptionalTerm, ...] = ()
-    command_limit: CommandLimit | None = None  # What commands were limited to
+    command_limit: CommandLimit | None = None  # Limit that was applied to commands
     unlimited: bool = False  # Whether no limit of commands was found with this map
     curve: FittedCurve | None = None
 
@@ -234,9 +234,9 @@ class VerticalFlights(lagged_runs.LaggedRuns):
         return bool(self.terms)
 
     def of(self, flights: tuple[PreparedFlight, ...]) -> VerticalFlights:
-        """The same of other flights, or of these with other commands or another map."""
-        made = self.made_of(flights)
-        return replace(made, nuisances=self.nuisances, command_limit=self.command_limit)
+        """Problem of other flights, or of these with other commands or another map."""
+        problem = self.made_of(flights)
+        return replace(problem, nuisances=self.nuisances, command_limit=self.command_limit)
 
     def sampled_state(self, _at: separable.Values) -> separable.SampledState | None:
         """The vertical velocity, where every flight has an accelerometer."""
@@ -245,13 +245,13 @@ class VerticalFlights(lagged_runs.LaggedRuns):
         powers = []  # per Hz, of the errors in z', U and z'' at low frequencies
         for flight in self.flights:
             noise = {name: level.density**2 for name, level in flight.noise.items() if level.source}
-            of = [noise.get(name, np.nan) for name in ("velocity_z", FORCE)]
-            powers.append([of[0], input_variance(flight, noise), of[1]])
+            of_sensors = [noise.get(name, np.nan) for name in ("velocity_z", FORCE)]
+            powers.append([of_sensors[0], input_variance(flight, noise), of_sensors[1]])
         lengths = [flight.used.sum() for flight in self.flights]
         velocity, driving, response = np.sqrt(np.average(powers, axis=0, weights=lengths)).tolist()
-        driven = np.zeros(len(self.parameters))
-        driven[1] = driving
-        return separable.SampledState(0, velocity, response, driven)
+        input_errors = np.zeros(len(self.parameters))
+        input_errors[1] = driving
+        return separable.SampledState(0, velocity, response, input_errors)
 
 
 #: Share of the largest state over which the slope of an input map is taken.
@@ -259,7 +259,7 @@ SLOPE_STEP = 1e-5
 #: Samples that an actuator's response is followed over: 25 of the longest lags on a grid of 5 ms.
 RESPONSE_SAMPLES = 1_500
 #: Samples before the impulse, so that a state may be early.
-BEFORE = 50
+PRE_IMPULSE = 50
 
 
 def row_noise(
@@ -269,7 +269,7 @@ def row_noise(
     rule: separable.InstrumentRule,
     nuisance_values: separable.Values,
 ) -> lagged_runs.RowNoise:
-    """Variances of the errors in z', U, so many terms and z'', and what past inputs share with U."""
+    """Variances of the errors in z', U, terms and z'', and covariances of past inputs with U."""
     selected, shared = [], []
     for flight in flights:
         noise = {name: item.std**2 for name, item in flight.signals.noise.items()}
@@ -291,24 +291,24 @@ def row_noise(
 
 
 def input_variance(flight: PreparedFlight, noise: Mapping[str, float]) -> float:
-    """Variance of the mapped input's error, by that of channels, the actuators' response left aside."""
+    """Variance of the mapped input's error by that of channels, without the actuators' response."""
     variances = np.array([noise.get(name, 0.0) for name in flight.driving])
     if not variances.any():
         return 0.0
-    state, chosen = flight.signals.family(flight.input.name), input_map(flight.input_map)
+    state, curve = flight.signals.family(flight.input.name), input_map(flight.input_map)
     step = SLOPE_STEP * max(float(np.abs(state).max()), SLOPE_STEP)
-    slopes = (chosen(state + step) - chosen(state - step)) / (2.0 * step)
+    slopes = (curve(state + step) - curve(state - step)) / (2.0 * step)
     tilt = flight.signals.channel("cos_tilt")[:, None]
-    each = (tilt * slopes / variances.size)[flight.used] ** 2
-    return float(each.mean(axis=0) @ variances)
+    gains = (tilt * slopes / variances.size)[flight.used] ** 2
+    return float(gains.mean(axis=0) @ variances)
 
 
 def _response(flight: PreparedFlight, nuisance_values: separable.Values) -> Float[np.ndarray, " lags"]:
     """Samples after an impulse of the input, of the state that enters the equation."""
-    impulse = np.zeros((BEFORE + RESPONSE_SAMPLES, 1))
-    impulse[BEFORE] = 1.0
+    impulse = np.zeros((PRE_IMPULSE + RESPONSE_SAMPLES, 1))
+    impulse[PRE_IMPULSE] = 1.0
     path = lagged_runs.actuators(nuisance_values)
-    return np.asarray(flight.input.state(impulse, flight.signals.step_s, **path)[BEFORE:, 0])
+    return np.asarray(flight.input.state(impulse, flight.signals.step_s, **path)[PRE_IMPULSE:, 0])
 
 
 # -- Balance --
@@ -341,7 +341,7 @@ class WeightBalance:
         return np.concatenate(self.columns).mean(axis=0)
 
     @cached_property
-    def left(self) -> Float[np.ndarray, " n"]:
+    def excess(self) -> Float[np.ndarray, " n"]:
         """U over its mean, less 1 + (z'' + K z') / g: about ln U less that of hover."""
         derivative, velocity, mapped = np.concatenate(self.columns)[:, :3].T
         return np.asarray(
@@ -351,26 +351,26 @@ class WeightBalance:
     @property
     def hover(self) -> tuple[float, float, float]:
         """U_h, to second order the mean of U / (1 + (z'' + K z') / g); standard error, 95 % half-width."""
-        value, lines = float(self.means[2]) * (1.0 + float(self.left.mean())), self.problem.lines
+        value, lines = float(self.means[2]) * (1.0 + float(self.excess.mean())), self.problem.lines
         averages = COSINE_AVERAGES - bool(np.concatenate(lines).any())  # the first is that of a line
-        variance = _variance_of_mean(self.problem, self.left) * COSINE_AVERAGES / averages
+        variance = _variance_of_mean(self.problem, self.excess) * COSINE_AVERAGES / averages
         std_error = abs(value) * math.sqrt(variance)
         bound = abs(value * MIDDLE_FRICTION * float(self.means[1]) / GRAVITY)
         return value, std_error, t_quantile(0.95, averages) * std_error + bound
 
     @property
     def drift(self) -> ThrustDrift | None:
-        """Slope in time of what is left, as a change of thrust; None of short runs."""
+        """Slope of the excess in time, as a change of thrust; None of short runs."""
         line, velocity = np.concatenate(self.problem.lines), np.concatenate(self.columns)[:, 1]
-        squares, chosen = float(line @ line), self.problem.input_map
-        hover = chosen.inverse(max(self.hover[0], 0.0))
+        squares, curve = float(line @ line), self.problem.input_map
+        hover = curve.inverse(max(self.hover[0], 0.0))
         if not (squares and hover > 0.0):
             return None
-        slope, centred = float(line @ self.left) / squares, self.left - self.left.mean()
+        slope, centred = float(line @ self.excess) / squares, self.excess - self.excess.mean()
         error = math.sqrt(long_run_mean_variance(line * (centred - slope * line))) * line.size / squares
         bound = MIDDLE_FRICTION * abs(float(line @ velocity)) / squares
         half_width = GRAVITY * t_quantile(0.95, COSINE_AVERAGES) * error + bound
-        exponent = hover * chosen.slope(hover) / chosen(np.array([hover]))[0]
+        exponent = hover * curve.slope(hover) / curve(np.array([hover]))[0]
         return ThrustDrift(-GRAVITY * slope, half_width, _duration_s(self.problem), exponent)
 
 
@@ -383,12 +383,12 @@ class Balance:
 
     @cached_property
     def weight(self) -> WeightBalance:
-        """The same without the gain."""
+        """The balance without the gain."""
         return WeightBalance(self.problem, self.estimate.nuisances)
 
     @property
     def by_weight(self) -> bool:
-        """Whether the gain is known too roughly to serve the hover input."""
+        """Whether the gain is too uncertain for the hover input."""
         gain, direction = float(self.estimate.theta[1]), self.estimate.direction("input_gain")
         known = self.estimate.joint_covariance.half_width(direction) < ROUGH_GAIN * gain
         strong = bool(self.estimate.first_stage[1] >= STRONG_FIRST_STAGE)
@@ -396,7 +396,7 @@ class Balance:
 
     @property
     def coefficients(self) -> Float[np.ndarray, " m"]:
-        """What the columns are multiplied by to add up to the residual."""
+        """Coefficients of the columns in the residual."""
         K, K_u = self.estimate.theta[:2]
         return np.array([1.0, K, -K_u, *-self.estimate.theta[2:]])
 
@@ -427,18 +427,18 @@ class Balance:
     @property
     def hover_input(self) -> Linear:
         """The same through the inverse of the input map."""
-        (mapped, gradient, variance), chosen = self.hover, self.problem.input_map
-        slope = chosen.slope(chosen.inverse(mapped))
-        return chosen.inverse(mapped), gradient / slope, variance / slope**2
+        (mapped, gradient, variance), curve = self.hover, self.problem.input_map
+        slope = curve.slope(curve.inverse(mapped))
+        return curve.inverse(mapped), gradient / slope, variance / slope**2
 
     @property
     def exponents(self) -> tuple[float, float]:
         """Near hover, of the input map and of thrust; NaN where the numbers make none."""
-        mapped, chosen = self.hover[0], self.problem.input_map
+        mapped, curve = self.hover[0], self.problem.input_map
         if not mapped > 0.0:
             return math.nan, math.nan
-        hover = chosen.inverse(mapped)
-        of_map = hover * chosen.slope(hover) / mapped
+        hover = curve.inverse(mapped)
+        of_map = hover * curve.slope(hover) / mapped
         return of_map, of_map * float(self.estimate.theta[1]) * mapped / GRAVITY
 
     @property
@@ -452,8 +452,8 @@ class Balance:
             return None
         slopes = line @ columns / squares
         rate = float(slopes @ self.coefficients)
-        left = (columns - self.weight.means) @ self.coefficients - rate * line
-        variance = long_run_mean_variance(line * left) * (line.size / squares) ** 2
+        residual = (columns - self.weight.means) @ self.coefficients - rate * line
+        variance = long_run_mean_variance(line * residual) * (line.size / squares) ** 2
         gradient = np.zeros(self.estimate.values.size)
         gradient[: slopes.size - 1] = [slopes[1], *-slopes[2:]]
         half_width = self.estimate.joint_covariance.half_width(gradient, extra_variance=variance)
@@ -509,10 +509,10 @@ class ThrustDrift(msgspec.Struct, frozen=True):
     @property
     def sentence(self) -> str:
         """The line that rows lose."""
-        change, half, duration_s, of_hover, hover_half = self.numbers.values()
-        moved, share = "rose" if change > 0.0 else "fell", abs(change) / GRAVITY
+        change, width, duration_s, of_hover, hover_half = self.numbers.values()
+        direction, share = "rose" if change > 0.0 else "fell", abs(change) / GRAVITY
         return (
-            f"thrust of one command {moved} by {abs(change):.2f} ± {half:.2f} m/s² ({share:.1%}) in "
+            f"thrust of one command {direction} by {abs(change):.2f} ± {width:.2f} m/s² ({share:.1%}) in "
             f"{duration_s:.0f} s; hover input {of_hover:+.1%} ± {hover_half:.1%} a minute"
         )
 
@@ -539,13 +539,13 @@ def balance_sums(
 
 def apparent_gravity(problem: VerticalFlights) -> float:
     """Mean of the specific force less the velocity's derivative; NaN without an accelerometer [m/s^2]."""
-    resting = [
+    offsets = [
         run
         for item in problem.columns
         if item.responses.shape[1] > 1
         for run in item.cut(item.responses[:, 0] - item.responses[:, 1])
     ]
-    return GRAVITY + float(np.concatenate(resting).mean()) if resting else float("nan")
+    return GRAVITY + float(np.concatenate(offsets).mean()) if offsets else float("nan")
 
 
 def hover_of_sums(parameters: Mapping[str, float], sums: Mapping[str, float]) -> float:
@@ -592,10 +592,10 @@ def check_terms(options: FlightOptions, radius: float | None = None) -> None:
     """Refuse a term near the ground without the rotors' radius."""
     if GROUND_EFFECT.word in options.terms and options.rotor_radius is None and radius is None:
         expected = f"the radius of a rotor with the term {GROUND_EFFECT.word}, which counts heights in radii"
-        give = (
+        remedy = (
             "Give it in metres, half a propeller's diameter: --rotor-radius 0.12, or a vehicle file with it."
         )
-        raise UsageError(expected, "none", give)
+        raise UsageError(expected, "none", remedy)
 
 
 def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> None:

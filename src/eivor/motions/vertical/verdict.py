@@ -477,7 +477,7 @@ def _times(inputs: VerdictInputs) -> float:
 
 def _sensor_remedy(inputs: VerdictInputs) -> str:
     scale = _difference(inputs, SCALE.name)
-    if scale is not None and misspecification.one_stands(scale):
+    if scale is not None and misspecification.may_stand_still(scale):
         return "Log both at 50 Hz or more: vibration folds into slower samples."
     return "Correct the unit of one of them (in a table by a channel map: unit = ...)."
 
