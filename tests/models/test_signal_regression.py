@@ -37,7 +37,7 @@ from eivor.models.lagged_runs import (
     LaggedRuns,
     actuators,
     lag_and_delay,
-    of_order,
+    with_order,
 )
 from eivor.models.regression import AxisRows, Column, Equation, Parameter, SampleRows, lags, regression
 from eivor.models.separable import LaggedInputs, LaggedReferences, NoInstruments, Nuisance, values_of
@@ -396,7 +396,7 @@ def test_columns_between_lags_and_delays_are_those_that_a_filter_makes(stages):
     late = lambda at: shifted_by(throttle, step_s=RUN_STEP_S, delay_s=-at["delay"])  # noqa: E731
     item = replace(item, moving=functools.partial(lagged, throttle) if stages else late, linear=True)
     lag, delay = lag_and_delay(np.geomspace(0.004, 0.15, 9), (low, 0.01, 0.03, 0.05))
-    nuisances = of_order((lag if stages else lag.known_at(0.0), delay), 3 if any(stages) else 2)
+    nuisances = with_order((lag if stages else lag.known_at(0.0), delay), 3 if any(stages) else 2)
     problem = LaggedRuns((item, replace(item, axis=1)), PAIR, nuisances)
     direct = LaggedRuns((replace(item, linear=False), replace(item, axis=1)), PAIR, nuisances)
     assert problem.interpolation is not None
@@ -411,7 +411,7 @@ def test_columns_between_lags_and_delays_are_those_that_a_filter_makes(stages):
     (made,) = NuisanceProducts.of_rows(weights, nodes_of(nuisances)).values()
     # the same as every column by itself
     for point, product, E, root in zip(
-        points, plain.products(points), *made.at(values_of(points)), strict=True
+        points, plain.products(points), *made.evaluate(values_of(points)), strict=True
     ):
         rows = plain.rows(point)
         both = np.column_stack([rows.regressors, rows.response])

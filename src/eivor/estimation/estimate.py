@@ -483,10 +483,10 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
         if not searched and assembler.needs_instruments and equations.lags_without_gaps(problem):
             ends = linalg.row_blocks(problem.first, problem.signals.sample_count, linalg.COPIED_ROWS)
             make = partial(equations.filtered_instruments, problem, combinations)
-            return linalg.made_ahead(lambda stretch: equation_rows(make(*stretch)), ends)
+            return linalg.map_ahead(lambda stretch: equation_rows(make(*stretch)), ends)
         psi = assembler.test_functions
         tested = (replace(block, instruments=(combinations.T @ psi(block).T).T) for block in blocks())
-        return linalg.made_ahead(equation_rows, tested)
+        return linalg.map_ahead(equation_rows, tested)
 
     prior = np.sqrt(unit * count) * pseudo
     return EstimatingEquation(root, count * R, round(count), rows, prior.T @ prior)

@@ -92,7 +92,7 @@ def products_of_signals(problem: SignalRegression, *, instruments: bool) -> Prod
         return Z.T @ Z
 
     stretches = linalg.row_blocks(problem.first, problem.signals.sample_count, linalg.MULTIPLIED_ROWS)
-    sums = np.asarray(sum(linalg.made_ahead(block_products, stretches)))
+    sums = np.asarray(sum(linalg.map_ahead(block_products, stretches)))
     return Products(np.array([count], dtype=np.float64), sums[None], p)
 
 
@@ -157,7 +157,7 @@ def _lag_products(
 
     blocks = list(pairwise(edges.tolist()))
     # block by block: threads change no sum
-    totals = map(folded, blocks) if last - first < THREADED_FROM_ROWS else linalg.made_ahead(folded, blocks)
+    totals = map(folded, blocks) if last - first < THREADED_FROM_ROWS else linalg.map_ahead(folded, blocks)
     G, p, index = np.stack(list(totals)), last_lag - first_lag + 1, np.arange(FOLD)
     sums = np.stack([G[..., index + p - 1 - lag, index].sum(axis=-1) for lag in range(p)], axis=-2)
     for sample in range(int(edges[-1]), last):

@@ -21,7 +21,7 @@ from eivor.estimation.moments import Instrumental
 from eivor.estimation.variable_projection import Box, NodeAxis, Nodes, argmin, nodes_of
 from eivor.estimation.weighting import RunSums, WeightedRows, WhitenedRows
 from eivor.inference import distributions
-from eivor.inference.anderson_rubin import Allowed, allowed, concentrated, least_ratio
+from eivor.inference.anderson_rubin import Allowed, allowed, concentrated, minimum_ratio
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.models.separable import ManyValues, Prior, SeparableProblem, Values
@@ -224,7 +224,7 @@ class Criterion:
         return self._profile(self.nodes.values_over(box))
 
     def _profile(self, values: ManyValues) -> Float[np.ndarray, " points"]:
-        return least_ratio(*map(self._joined, self._forms(values))) + self.nodes.misfit(values, self.known)
+        return minimum_ratio(*map(self._joined, self._forms(values))) + self.nodes.misfit(values, self.known)
 
     @cached_property
     def minimum(self) -> tuple[Values, float]:

@@ -271,7 +271,7 @@ class WhitenedRows(WeightedRows):
         """Rows of Q of each run, fixed columns and their places, places of moving columns, and these."""
         layout, fixed, still = self._fixed
         start = 0
-        for run, (moving, X) in zip(layout.runs, self.problem.moved_runs(points), strict=True):
+        for run, (moving, X) in zip(layout.runs, self.problem.moving_columns(points), strict=True):
             here = slice(start, start + run.count)
             known, weight = fixed[:, here], np.tile(1.0 / np.sqrt(self.power[here]), 2)
             rows = slice(2 * here.start, 2 * here.stop)

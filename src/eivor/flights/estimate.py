@@ -36,7 +36,7 @@ from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIden
 from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models import separable
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, of_order
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, with_order
 from eivor.models.separable import NoInstruments
 from eivor.signals.recording import Finding, Recording
 from eivor.tools import Float, Progress, Stage, no_stage_callback
@@ -154,7 +154,7 @@ def pose_problem(state: FlightState) -> FlightState:
 def posed(state: FlightState) -> separable.SeparableProblem:
     """Problem of the order that was requested."""
     problem = state.motion.problem(state.flights, state.instruments.rule)
-    return problem.with_nuisances(of_order(problem.nuisances, state.options.order))
+    return problem.with_nuisances(with_order(problem.nuisances, state.options.order))
 
 
 def estimate_parameters(state: FlightState) -> FlightState:

@@ -75,13 +75,13 @@ class RobustShape(RegionShape):
         """Members on a line: AR = c where the matrix polynomial c V(s) - g(s) g(s)' is singular."""
         b, d = self.scores.total @ base, self.scores.total @ step
         c = self.critical
-        M0 = c * self._between(base, base) - np.outer(b, b)
-        M1 = 2.0 * c * self._between(base, step) - np.outer(b, d) - np.outer(d, b)
-        M2 = c * self._between(step, step) - np.outer(d, d)
+        M0 = c * self._bilinear(base, base) - np.outer(b, b)
+        M1 = 2.0 * c * self._bilinear(base, step) - np.outer(b, d) - np.outer(d, b)
+        M2 = c * self._bilinear(step, step) - np.outer(d, d)
         return self.members(base, step, _real_eigenvalues(M0, M1, M2))
 
-    def _between(self, first: Point, other: Point) -> Square:
-        V = np.einsum("a,b,abpq->pq", first, other, self._covariances)
+    def _bilinear(self, first: Point, second: Point) -> Square:
+        V = np.einsum("a,b,abpq->pq", first, second, self._covariances)
         return 0.5 * (V + V.T)
 
 
@@ -96,14 +96,14 @@ def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) ->
         "Leave out instruments that repeat others; data without any error need no confidence set.",
     )
     for _ in range(2):
-        at_pivot = scores.cosines @ np.concatenate([[1.0], -pivot])
-        root = _triangular_root(at_pivot / np.sqrt(averages), error)
+        pivot_cosines = scores.cosines @ np.concatenate([[1.0], -pivot])
+        root = _triangular_root(pivot_cosines / np.sqrt(averages), error)
         pivot = _solution(scipy.linalg.solve_triangular(root, scores.total, lower=True))[0]
     A = scipy.linalg.solve_triangular(root, scores.total[:, 1:], lower=True)
     scale = column_scale(A)
     singular, V = np.linalg.svd(A * scale, full_matrices=False)[1:]
-    kept = singular > 1e-8 * singular[0]
-    frame = RegionFrame(pivot, scale / unit_scale(((V[kept] / singular[kept, None]) ** 2).sum(axis=0)))
+    large = singular > 1e-8 * singular[0]
+    frame = RegionFrame(pivot, scale / unit_scale(((V[large] / singular[large, None]) ** 2).sum(axis=0)))
     whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
     critical = hotelling_quantile(level, p, float(averages))
     change = _to_frame(frame)
@@ -139,9 +139,9 @@ def _triangular_root(rows: Float[np.ndarray, "rows p"], error: CollinearError) -
 def _real_eigenvalues(M0: Square, M1: Square, M2: Square) -> list[float]:
     """Real numbers at which M0 + s M1 + s^2 M2 is singular, by its companion pencil, s scaled to size one."""
     p = M0.shape[0]
-    item, other = float(np.linalg.norm(M0)), float(np.linalg.norm(M2))
-    gamma = np.sqrt(item / other) if item > 0.0 and other > 0.0 else 1.0
-    M0, M1, M2 = (M / (item or 1.0) for M in (M0, gamma * M1, gamma**2 * M2))
+    constant, quadratic = float(np.linalg.norm(M0)), float(np.linalg.norm(M2))
+    gamma = np.sqrt(constant / quadratic) if constant > 0.0 and quadratic > 0.0 else 1.0
+    M0, M1, M2 = (M / (constant or 1.0) for M in (M0, gamma * M1, gamma**2 * M2))
     eye, zero = np.eye(p), np.zeros((p, p))
     values = scipy.linalg.eigvals(
         np.block([[zero, eye], [-M0, -M1]]), np.block([[eye, zero], [zero, M2]]), check_finite=False
@@ -151,7 +151,7 @@ def _real_eigenvalues(M0: Square, M1: Square, M2: Square) -> list[float]:
     return [float(value) for value in gamma * values.real[real]]
 
 
-def least_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) -> PerPoint:
+def minimum_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) -> PerPoint:
     """Least J over all parameters."""
     root = np.linalg.cholesky(D)
     half = np.linalg.solve(root, N)
@@ -159,14 +159,14 @@ def least_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) ->
 
 
 def concentrated(
-    Q: Float[np.ndarray, "*k m m"], kept: Sequence[int]
+    Q: Float[np.ndarray, "*k m m"], variables: Sequence[int]
 ) -> tuple[Float[np.ndarray, "*k c c"], Bool[np.ndarray, "*k"]]:
     """Quadratic forms of some variables, least over the others; and where these go to infinity at no cost."""
-    others = [i for i in range(Q.shape[-1]) if i not in kept]
-    S = Q[..., kept, :][..., kept]
+    others = [i for i in range(Q.shape[-1]) if i not in variables]
+    S = Q[..., variables, :][..., variables]
     if not others:
         return S, np.zeros(Q.shape[:-2], dtype=np.bool_)
-    inner, cross = Q[..., others, :][..., others], Q[..., others, :][..., kept]
+    inner, cross = Q[..., others, :][..., others], Q[..., others, :][..., variables]
     free = np.asarray(np.linalg.eigvalsh(inner)[..., 0] <= 0.0)
     inner = np.where(free[..., None, None], np.eye(len(others)), inner)
     return S - np.swapaxes(cross, -1, -2) @ np.linalg.solve(inner, cross), free
@@ -182,27 +182,27 @@ class Allowed:
 
     def pieces(self) -> list[tuple[float, float]]:
         """Union over pairs that follow one another closely: what lies between ends joins to one interval."""
-        between = self._between
+        inside = self._bounded
         result = [(-inf, inf)] if np.isinf(self.low).any() else []
-        if between.any():
-            result.append((float(self.low[between].min()), float(self.high[between].max())))
+        if inside.any():
+            result.append((float(self.low[inside].min()), float(self.high[inside].max())))
         if self.outside.any():
             result.append((-inf, float(self.low[self.outside].max())))
             result.append((float(self.high[self.outside].min()), inf))
         return result
 
     def continued(self) -> list[tuple[float, float]]:
-        """The same where pairs would go on after the last: without a bound on the side they move to."""
-        between = np.flatnonzero(self._between)
-        if not between.size:
+        """Union where pairs would go on after the last: without a bound on the side they move to."""
+        inside = np.flatnonzero(self._bounded)
+        if not inside.size:
             return self.pieces()
-        first, last = (self.low[item] + self.high[item] for item in between[[0, -1]])
-        ends = float(self.low[between].min()), float(self.high[between].max())
+        first, last = (self.low[index] + self.high[index] for index in inside[[0, -1]])
+        ends = float(self.low[inside].min()), float(self.high[inside].max())
         moving = (ends[0], inf) if last >= first else (-inf, ends[1])
         return [moving if piece == ends else piece for piece in self.pieces()]
 
     @property
-    def _between(self) -> Bool[np.ndarray, " k"]:
+    def _bounded(self) -> Bool[np.ndarray, " k"]:
         return np.isfinite(self.low) & np.isfinite(self.high) & ~self.outside
 
 
@@ -254,10 +254,10 @@ class SignPerturbedShape(RegionShape):
         """|S_0|^2 over the q-th largest of the others, nudged off one where a tie decides."""
         result = np.empty(points.shape[0])
         for start in range(0, points.shape[0], RANKED_POINTS):
-            here = slice(start, start + RANKED_POINTS)
-            S = np.einsum("ipa,ka->kip", self.sums, points[here])
+            block = slice(start, start + RANKED_POINTS)
+            S = np.einsum("ipa,ka->kip", self.sums, points[block])
             lengths = np.einsum("kip,kip->ki", S, S)
-            size = np.einsum("ka,ka->k", points[here], points[here])
+            size = np.einsum("ka,ka->k", points[block], points[block])
             rounding = ROUNDING**2 * self._largest * size[:, None]
             length, others = lengths[:, :1], lengths[:, 1:]
             tied = np.abs(others - length) <= TIE_SHARE * np.maximum(length, others) + rounding
@@ -266,7 +266,7 @@ class SignPerturbedShape(RegionShape):
             bound = np.partition(others, others.shape[1] - self.excluded, axis=1)[:, -self.excluded]
             ratio = np.divide(length[:, 0], bound, out=np.full(bound.size, np.inf), where=bound > 0.0)
             above = np.nextafter(1.0, 2.0)
-            result[here] = np.where(inside, np.minimum(ratio, 1.0), np.maximum(ratio, above))
+            result[block] = np.where(inside, np.minimum(ratio, 1.0), np.maximum(ratio, above))
         return result
 
     def along(self, base: Point, step: Point) -> ConfidenceSet:
@@ -310,12 +310,12 @@ def sign_perturbed_region(
     order = rng.permutation(sums)
     solution, scale = _solution(scipy.linalg.solve_triangular(root, instruments.T @ columns, lower=True))
     residual = columns[:, 0] - columns[:, 1:] @ solution
-    usual = float(np.sqrt(residual @ residual / residual.size))
-    frame = RegionFrame(solution, (usual or 1.0) * scale)
-    moved = columns @ _to_frame(frame)
-    total = np.zeros((sums, p * moved.shape[1]))
+    std = float(np.sqrt(residual @ residual / residual.size))
+    frame = RegionFrame(solution, (std or 1.0) * scale)
+    framed = columns @ _to_frame(frame)
+    total = np.zeros((sums, p * framed.shape[1]))
     for start in range(0, rows, SIGN_ROWS):
-        psi, z = instruments[start : start + SIGN_ROWS], moved[start : start + SIGN_ROWS]
+        psi, z = instruments[start : start + SIGN_ROWS], framed[start : start + SIGN_ROWS]
         products = (psi[:, :, None] * z[:, None, :]).reshape(psi.shape[0], -1)
         signs = np.ones((sums, psi.shape[0]))
         signs[1:] -= 2.0 * rng.integers(0, 2, size=(sums - 1, psi.shape[0]), dtype=np.int8)

@@ -30,13 +30,13 @@ class ConfidenceSet:
 
     def __post_init__(self) -> None:
         checks.items("intervals", self.intervals, tuple, "pairs of numbers")
-        for pair in self.intervals:
-            checks.items("an interval", pair, checks.NUMBERS, "two numbers")
-            if len(pair) != 2:
-                raise ParameterError("intervals of two ends", f"{pair}", "Give a lower and an upper end.")
+        for interval in self.intervals:
+            checks.items("an interval", interval, checks.NUMBERS, "two numbers")
+            if len(interval) != 2:
+                raise ParameterError("intervals of two ends", f"{interval}", "Give a lower and an upper end.")
         ends = [end for interval in self.intervals for end in interval]
         ordered = all(low <= high for low, high in self.intervals)
-        separated = all(here[1] < there[0] for here, there in pairwise(self.intervals))
+        separated = all(lower[1] < upper[0] for lower, upper in pairwise(self.intervals))
         infinite_inside = inf in ends[:-1] or -inf in ends[1:]
         if any(isnan(end) for end in ends) or infinite_inside or not (ordered and separated):
             expected = "intervals in ascending order and apart from each other"
@@ -100,10 +100,10 @@ class ConfidenceSet:
         ends = sorted({float(root) for root in roots if isfinite(root)})
         if not ends:
             return cls.whole_line() if contains(np.zeros(1))[0] else cls.empty()
-        reach = max(1.0, abs(ends[0]), abs(ends[-1]))
+        margin = max(1.0, abs(ends[0]), abs(ends[-1]))
         edges = [-inf, *ends, inf]
-        between = [low + 0.5 * (high - low) for low, high in pairwise(ends)]
-        probes = [ends[0] - reach, *between, ends[-1] + reach]
+        midpoints = [low + 0.5 * (high - low) for low, high in pairwise(ends)]
+        probes = [ends[0] - margin, *midpoints, ends[-1] + margin]
         stretches = [*zip(ends, ends, strict=True), *pairwise(edges)]
         belongs = contains(np.array([*ends, *probes]))
         return cls.union(piece for piece, inside in zip(stretches, belongs, strict=True) if inside)
@@ -195,28 +195,28 @@ def profile_interval(
     starts = [sign * unit for unit in np.eye(values.size) for sign in (-1.0, 1.0)]
     if size > 0.0:
         starts += [-slope / size, slope / size]
-    reach = max(abs(function(values + L @ w) - centre) for w in starts)
-    if reach == 0.0:
+    scale = max(abs(function(values + L @ w) - centre) for w in starts)
+    if scale == 0.0:
         return centre, centre
     ends = []
     for sign in (-1.0, 1.0):
 
         def objective(w: Float[np.ndarray, " n"], sign: float = sign) -> float:
             inside = w / max(1.0, float(np.linalg.norm(w)))  # a search may try what lies outside
-            return -sign * (function(values + L @ inside) - centre) / reach
+            return -sign * (function(values + L @ inside) - centre) / scale
 
-        result = list(starts)
+        candidates = list(starts)
         for start in starts:
             # Strictly inside, where the boundary is no obstacle to the first line search.
-            climbed = minimize(
+            optimum = minimize(
                 objective,
                 0.9 * start,
                 method="SLSQP",
                 constraints={"type": "ineq", "fun": lambda w: 1.0 - w @ w, "jac": lambda w: -2.0 * w},
                 options={"ftol": TOLERANCE, "maxiter": 200},
             )
-            result.append(climbed.x / max(1.0, float(np.linalg.norm(climbed.x))))
-        ends.append(function(values + L @ min(result, key=objective)))
+            candidates.append(optimum.x / max(1.0, float(np.linalg.norm(optimum.x))))
+        ends.append(function(values + L @ min(candidates, key=objective)))
     return min(*ends, centre), max(*ends, centre)
 
 

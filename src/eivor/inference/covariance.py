@@ -88,18 +88,18 @@ def kernel_sum_covariance(blocks: Iterable[Block], count: int, kernel: Kernel, b
 
 def _from_blocks(blocks: Iterable[Block], kernel: Kernel, lags: int, span: float) -> Matrix:
     weights = kernel.weights(np.arange(lags + 1) / span)
-    total, before = np.zeros(()), None
+    total, previous = np.zeros(()), None
     for block in blocks:
-        before = block[:0] if before is None else before
-        joined, known = np.concatenate([before, block]), before.shape[0]
+        previous = block[:0] if previous is None else previous
+        joined, overlap = np.concatenate([previous, block]), previous.shape[0]
         total = total + block.T @ block
         for lag in range(1, min(lags, joined.shape[0] - 1) + 1):
-            # Pairs whose later score is in this block and whose earlier one has been seen.
-            first = max(known, lag)
+            # Pairs whose later score is in this block.
+            first = max(overlap, lag)
             cross = joined[first:].T @ joined[first - lag : joined.shape[0] - lag]
             total += weights[lag] * (cross + cross.T)
-        before = joined[max(joined.shape[0] - lags, 0) :]
-    if before is None:
+        previous = joined[max(joined.shape[0] - lags, 0) :]
+    if previous is None:
         raise UsageError("scores", "none", "Give a longer record.")
     return total
 
@@ -276,12 +276,12 @@ def sandwich(M: Matrix, meat: Matrix) -> Matrix:
 
 
 def unit_scale(squares: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    """One over the square roots: what brings quantities of these squares to one; one where they are zero."""
+    """One over the square roots of squares; one where these are zero."""
     return 1.0 / np.sqrt(np.where(squares > 0.0, squares, 1.0))
 
 
 def column_scale(matrix: Float[np.ndarray, "m n"]) -> Vector:
-    """What brings every column to unit length, whatever the units."""
+    """Factors that bring every column to unit length."""
     return unit_scale(np.einsum("ij,ij->j", matrix, matrix))
 
 
@@ -452,10 +452,10 @@ class ClusteredByFlight(CovarianceEstimator):
         sums: dict[int, Vector] = {}
         for rows in equation.blocks():
             for flight in np.unique(rows.flight_of_row):
-                here = rows.flight_of_row == flight
-                total = rows.test_functions[here].T @ rows.residual[here]
+                mask = rows.flight_of_row == flight
+                total = rows.test_functions[mask].T @ rows.residual[mask]
                 if rows.constant is not None:
-                    total = total + int(here.sum()) * rows.constant
+                    total = total + int(mask.sum()) * rows.constant
                 sums[int(flight)] = sums.get(int(flight), 0.0) + total
         flights = len(sums)
         if flights < CLUSTERED_FROM:
@@ -541,9 +541,9 @@ class ByRow(CovarianceEstimator):
         weights = np.linalg.lstsq(equation.slope, P.T, rcond=None)[0] ** 2
         fourth = (weights**2).sum(axis=1)
         rows = np.divide(weights.sum(axis=1) ** 2, fourth, out=np.ones(fourth.size), where=fourth > 0.0)
-        wider = np.array([t_quantile(ROW_COVARIANCE_LEVEL, nu) for nu in rows.tolist()])
-        wider /= normal_quantile(ROW_COVARIANCE_LEVEL)
-        return (CovariancePart("by_row", matrix * np.outer(wider, wider)),)
+        expansion = np.array([t_quantile(ROW_COVARIANCE_LEVEL, nu) for nu in rows.tolist()])
+        expansion /= normal_quantile(ROW_COVARIANCE_LEVEL)
+        return (CovariancePart("by_row", matrix * np.outer(expansion, expansion)),)
 
 
 #: Of a flight with columns that live in few bins: as that of others, and never narrower than row by row.
@@ -560,11 +560,11 @@ def fixed_b_reference(kernel: Kernel, b: float) -> tuple[float, float]:
     end = min(1.0 / b, 1.0 if kernel.ends else FURTHEST)
     x = np.linspace(0.0, end, POINTS)
     k = kernel.weights(x)
-    within = np.concatenate([[0.0], np.cumsum(0.5 * (k[1:] + k[:-1]) * np.diff(x))])
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (k[1:] + k[:-1]) * np.diff(x))])
     mean = 2.0 * b * float(np.trapezoid((1.0 - b * x) * k, x))
     square = 2.0 * b * float(np.trapezoid((1.0 - b * x) * k**2, x))
     r = np.append(b * x[b * x < 0.5], 0.5)
-    h = b * (np.interp(r / b, x, within) + np.interp((1.0 - r) / b, x, within))
+    h = b * (np.interp(r / b, x, integral) + np.interp((1.0 - r) / b, x, integral))
     share = 1.0 - mean
     spread = square - 2.0 * (2.0 * float(np.trapezoid(h**2, r))) + mean**2
     return share**2 / spread, share
@@ -630,8 +630,8 @@ def joint_draws(
     root = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
     root /= np.linalg.norm(root, axis=1, keepdims=True)
     scores = rng.standard_normal((strata, values.size)) @ root.T
-    for each in np.unique(degrees[np.isfinite(degrees)]):
-        scores[:, degrees == each] *= np.sqrt(each / rng.chisquare(each, strata))[:, None]
+    for nu in np.unique(degrees[np.isfinite(degrees)]):
+        scores[:, degrees == nu] *= np.sqrt(nu / rng.chisquare(nu, strata))[:, None]
     shares = (scores.argsort(axis=0).argsort(axis=0)[:count] + rng.random((count, values.size))) / strata
     quantiles = [
         scipy.special.ndtri(column) if math.isinf(degree) else scipy.special.stdtrit(degree, column)
@@ -646,14 +646,14 @@ def _score_correlations(covariance: JointCovariance, degrees: Vector) -> Matrix:
     scale = np.sqrt(np.diag(matrix))
     size = np.outer(scale, scale)
     correlations = np.divide(matrix, size, out=np.zeros_like(matrix), where=size > 0.0)
-    kept = np.array([_kept(degree) for degree in degrees])
+    factors = np.array([_attenuation(degree) for degree in degrees])
     separated = degrees[:, None] != degrees
-    correlations = np.where(separated, correlations / np.outer(kept, kept), correlations)
+    correlations = np.where(separated, correlations / np.outer(factors, factors), correlations)
     np.fill_diagonal(correlations, 1.0)
     return np.clip(correlations, -1.0, 1.0)
 
 
-def _kept(degrees: float) -> float:
+def _attenuation(degrees: float) -> float:
     """Mean over root mean square of the factor that turns a normal score into Student's t."""
     if math.isinf(degrees):
         return 1.0

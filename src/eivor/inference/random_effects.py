@@ -40,8 +40,8 @@ class Groups:
     def running(self, values: Rows) -> Rows:
         """Sum over the rows of its group up to each row, that row included."""
         total = np.cumsum(values)
-        before = np.concatenate(([0.0], total))[self.starts]
-        return total - self.spread(before)
+        offsets = np.concatenate(([0.0], total))[self.starts]
+        return total - self.spread(offsets)
 
 
 def one_group(rows: int) -> Groups:
@@ -77,9 +77,9 @@ class RandomEffectsMeans:
 
     def half_widths(self, level: float = 0.95) -> PerGroup:
         """Half-widths of the means' intervals; infinite for a single estimate."""
-        several = self.degrees > 0
+        estimable = self.degrees > 0
         quantile = scipy.special.stdtrit(np.maximum(self.degrees, 1), 0.5 + 0.5 * level)
-        return np.where(several, quantile * np.sqrt(self.variance), np.inf)
+        return np.where(estimable, quantile * np.sqrt(self.variance), np.inf)
 
 
 @dataclass(frozen=True)
@@ -113,37 +113,37 @@ class Grouped:
         scale = fixed.total - groups.sums(fixed.weights**2) / fixed.total
         return np.maximum(excess, 0.0) / scale
 
-    def paule_mandel(self, together: Groups | None = None, near: PerGroup | None = None) -> PerGroup:
+    def paule_mandel(self, sets: Groups | None = None, near: PerGroup | None = None) -> PerGroup:
         """Variance between estimates where Q is its expectation; zero where it is below that without any."""
-        together = together or Groups(np.ones_like(self.groups.sizes))
-        return self._where(together.sums((self.groups.sizes - 1).astype(float)), together, near)
+        sets = sets or Groups(np.ones_like(self.groups.sizes))
+        return self._solve(sets.sums((self.groups.sizes - 1).astype(float)), sets, near)
 
     def q_profile(self, level: float = 0.95, near: PerGroup | None = None) -> tuple[PerGroup, PerGroup]:
         """Interval of the variance between estimates."""
         degrees = self.groups.sizes - 1
-        several, alone = degrees > 0, Groups(np.ones_like(self.groups.sizes))
+        estimable, singles = degrees > 0, Groups(np.ones_like(self.groups.sizes))
 
         def end(tail: float) -> PerGroup:
-            wanted = np.where(several, scipy.special.chdtri(np.maximum(degrees, 1), tail), 1.0)
-            return self._where(wanted, alone, near)
+            target = np.where(estimable, scipy.special.chdtri(np.maximum(degrees, 1), tail), 1.0)
+            return self._solve(target, singles, near)
 
         tail = 0.5 * (1.0 - level)
-        return np.where(several, end(tail), 0.0), np.where(several, end(1.0 - tail), np.inf)
+        return np.where(estimable, end(tail), 0.0), np.where(estimable, end(1.0 - tail), np.inf)
 
-    def _where(self, wanted: Float[np.ndarray, " sets"], together: Groups, near: PerGroup | None) -> PerGroup:
-        """Variance at which Q, summed over groups that go together, is as wanted, or zero."""
+    def _solve(self, target: Float[np.ndarray, " sets"], sets: Groups, near: PerGroup | None) -> PerGroup:
+        """Variance at which Q, summed over sets of groups, meets its target, or zero."""
         groups = self.groups
-        result = np.zeros(wanted.size) if near is None else near[together.starts]
+        result = np.zeros(target.size) if near is None else near[sets.starts]
         for _ in range(BETWEEN_STEPS):
-            index = self.weighted(together.spread(result))
-            q = together.sums(groups.sums(index.squares))
-            fall = together.sums(groups.sums(index.weights * index.squares))
-            searching = (fall > 0.0) & (wanted > 0.0)
-            step = np.where(searching, q * (q - wanted) / np.where(searching, wanted * fall, 1.0), -result)
-            before, result = result, np.maximum(result + step, 0.0)
-            if np.all(np.abs(result - before) <= BETWEEN_TOLERANCE * result):
+            index = self.weighted(sets.spread(result))
+            q = sets.sums(groups.sums(index.squares))
+            fall = sets.sums(groups.sums(index.weights * index.squares))
+            searching = (fall > 0.0) & (target > 0.0)
+            step = np.where(searching, q * (q - target) / np.where(searching, target * fall, 1.0), -result)
+            previous, result = result, np.maximum(result + step, 0.0)
+            if np.all(np.abs(result - previous) <= BETWEEN_TOLERANCE * result):
                 break
-        return together.spread(result)
+        return sets.spread(result)
 
     def means(self, between: PerGroup) -> RandomEffectsMeans:
         groups, result, degrees = self.groups, self.weighted(between), self.groups.sizes - 1
@@ -153,7 +153,7 @@ class Grouped:
 
 
 def homogeneity_p_value(estimates: Rows, variances: Rows) -> float:
-    """Of estimates of one number, that all have it: Cochran's test."""
+    """P-value of Cochran's test that estimates have one mean."""
     squares = Grouped(one_group(estimates.size), estimates, variances).weighted(np.zeros(1)).squares
     return chi_square_tail(float(squares.sum()), estimates.size - 1)
 
@@ -170,7 +170,7 @@ PROBABILITIES, COUNTS = 0.5 + 0.5 * _ROOTS, 0.5 * _WEIGHTS
 HALF_WIDTH_STEPS, HALF_WIDTH_TOLERANCE = 30, 1e-4
 
 
-#: Of all intervals.
+#: Level of all intervals.
 LEVEL = 0.95
 
 
@@ -186,7 +186,7 @@ class BetweenDistribution:
     def mean_half_widths(self, result: RandomEffectsMeans) -> PerGroup:
         """Half-widths of the means: Hartung and Knapp's, but not less than this distribution says."""
         half = result.half_widths(LEVEL)
-        short = _missed(half, self.means - result.value, self.mean_errors)[0] > 1.0 - LEVEL
+        short = _tails(half, self.means - result.value, self.mean_errors)[0] > 1.0 - LEVEL
         offsets = self.means[:, short] - result.value[short]
         half[short] = _half_widths(offsets, self.mean_errors[:, short], LEVEL)
         return half
@@ -197,7 +197,7 @@ class BetweenDistribution:
         return np.where(self.sizes >= FEWEST, half_widths, np.inf)
 
 
-def _missed(half_width: PerGroup, offsets: PerNode, errors: PerNode) -> tuple[PerGroup, PerGroup]:
+def _tails(half_width: PerGroup, offsets: PerNode, errors: PerNode) -> tuple[PerGroup, PerGroup]:
     """Probability outside a half-width, and the density at its ends."""
     above, below = (half_width - offsets) / errors, (half_width + offsets) / errors
     density = (np.exp(-0.5 * above**2) + np.exp(-0.5 * below**2)) / errors
@@ -212,50 +212,50 @@ def _half_widths(offsets: PerNode, errors: PerNode, level: float) -> PerGroup:
     high = z * errors.max(axis=0) + np.abs(offsets).max(axis=0)
     result = np.clip(z * (COUNTS @ errors), low, high)
     for _ in range(HALF_WIDTH_STEPS):
-        missed, density = _missed(result, offsets, errors)
+        missed, density = _tails(result, offsets, errors)
         step = np.log(missed / (1.0 - level)) * missed / (result * density)
-        result, before = np.clip(result * np.exp(step), low, high), result
-        if np.all(np.abs(result - before) <= HALF_WIDTH_TOLERANCE * result):
+        result, previous = np.clip(result * np.exp(step), low, high), result
+        if np.all(np.abs(result - previous) <= HALF_WIDTH_TOLERANCE * result):
             break
     return result
 
 
-def between_distribution(of: Grouped) -> BetweenDistribution:
+def between_distribution(estimates: Grouped) -> BetweenDistribution:
     """Confidence distribution of the variance between the estimates of each group. Performs no checks."""
-    groups, degrees = of.groups, np.maximum(of.groups.sizes - 1, 1)
-    centre = groups.sums(of.y) / groups.sizes
-    about = of.y - groups.spread(centre)
-    scatter = groups.sums(about**2) / degrees
-    grid = GRID[:, None] * np.maximum(scatter, groups.sums(of.v) / groups.sizes)
+    groups, degrees = estimates.groups, np.maximum(estimates.groups.sizes - 1, 1)
+    centre = groups.sums(estimates.y) / groups.sizes
+    deviations = estimates.y - groups.spread(centre)
+    scatter = groups.sums(deviations**2) / degrees
+    grid = GRID[:, None] * np.maximum(scatter, groups.sums(estimates.v) / groups.sizes)
     squares, means, variance = (np.empty_like(grid) for _ in range(3))
     for number, between in enumerate(grid):
-        weights = of.weights(between)
+        weights = estimates.weights(between)
         total = groups.sums(weights)
-        weights *= about
+        weights *= deviations
         first = groups.sums(weights)
-        weights *= about
+        weights *= deviations
         squares[number] = groups.sums(weights) - first**2 / total
         means[number], variance[number] = centre + first / total, 1.0 / total
     inverse = 1.0 / np.maximum(squares, np.finfo(float).tiny)
-    position = _between(inverse, 1.0 / scipy.special.chdtri(degrees, PROBABILITIES[:, None]))
-    of_mean = position(variance)
+    position = _interpolator(inverse, 1.0 / scipy.special.chdtri(degrees, PROBABILITIES[:, None]))
+    mean_variance = position(variance)
     return BetweenDistribution(
-        groups.sizes, position(means), np.sqrt(of_mean), np.sqrt(of_mean + position(grid))
+        groups.sizes, position(means), np.sqrt(mean_variance), np.sqrt(mean_variance + position(grid))
     )
 
 
-def _between(
-    rising: Float[np.ndarray, "grid groups"], wanted: PerNode
+def _interpolator(
+    rising: Float[np.ndarray, "grid groups"], target: PerNode
 ) -> Callable[[Float[np.ndarray, "grid groups"]], PerNode]:
-    """What turns values on a grid into those where something that rises along it is as wanted, or begins."""
-    left = np.zeros(wanted.shape, dtype=int)
+    """Interpolator of values on a grid to where a rising quantity meets its target, or to the start."""
+    index = np.zeros(target.shape, dtype=int)
     for row in rising[1:-1]:
-        left += row <= wanted
-    low, high = (np.take_along_axis(rising, left + step, axis=0) for step in (0, 1))
-    share = np.maximum((wanted - low) / np.where(high > low, high - low, 1.0), 0.0)
+        index += row <= target
+    low, high = (np.take_along_axis(rising, index + step, axis=0) for step in (0, 1))
+    share = np.maximum((target - low) / np.where(high > low, high - low, 1.0), 0.0)
 
-    def values(given: Float[np.ndarray, "grid groups"]) -> PerNode:
-        before, after = (np.take_along_axis(given, left + step, axis=0) for step in (0, 1))
-        return before + share * (after - before)
+    def values(table: Float[np.ndarray, "grid groups"]) -> PerNode:
+        below, above = (np.take_along_axis(table, index + step, axis=0) for step in (0, 1))
+        return below + share * (above - below)
 
     return values

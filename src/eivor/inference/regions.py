@@ -72,9 +72,9 @@ class RegionShape(ABC):
         inside = [meets(base(angle)) for angle in angles[:-1]]
         inside.append(inside[0])  # both ends of the half circle are the same plane at infinity
         ends = [-inf] * inside[0]
-        for low, high, here, there in zip(angles, angles[1:], inside, inside[1:], strict=False):
-            if here != there:
-                ends.append(np.tan(_end(lambda angle: meets(base(angle)), float(low), float(high), here)))
+        for low, high, in_low, in_high in zip(angles, angles[1:], inside, inside[1:], strict=False):
+            if in_low != in_high:
+                ends.append(np.tan(_end(lambda angle: meets(base(angle)), float(low), float(high), in_low)))
         ends += [inf] * inside[-1]
         return ConfidenceSet.union((float(a), float(b)) for a, b in zip(ends[::2], ends[1::2], strict=True))
 
@@ -137,8 +137,8 @@ def _meeting(shape: RegionShape, axes: Points) -> Callable[[Point], bool]:
     def meets(point: Point) -> bool:
         span = np.vstack([point, axes])
         for start in (last[0], np.zeros(len(axes))):
-            result, least = _searched(shape, span, np.concatenate([[1.0], start]))
-            if least <= 1.0:
+            result, minimum = _searched(shape, span, np.concatenate([[1.0], start]))
+            if minimum <= 1.0:
                 last[0] = result[1:] / result[0] if result[0] != 0.0 else np.zeros(len(axes))
                 return True
         return False

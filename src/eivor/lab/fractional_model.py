@@ -23,7 +23,7 @@ from eivor.errors import (
 from eivor.models.regression import Column, LinearProblem, Parameter, Regression, check_columns
 from eivor.models.separable import LinearisableProblem, Nuisance, Values
 from eivor.models.spectral import SpectralRegression
-from eivor.signals.filters import filtered, in_a_row, reciprocal
+from eivor.signals.filters import cascaded, filtered, reciprocal
 from eivor.signals.noise import fractional_weights, order_slope
 from eivor.signals.signals import Signals
 from eivor.tools import Complex, Float
@@ -363,11 +363,11 @@ class FilteredSignals:
         if key in cache:
             return cache[key]
         if order == 0.0 and not part.by_order:
-            result = in_a_row(self.both_sides, source(part.channel))
+            result = cascaded(self.both_sides, source(part.channel))
         else:
             weights_of = self.operator.slope if part.by_order else self.operator.weights
             weights = weights_of(order, self.count, self.signals.step_s)
-            result = in_a_row(weights, self._filtered(cache, FractionalPart(part.channel), source))
+            result = cascaded(weights, self._filtered(cache, FractionalPart(part.channel), source))
         if order in {0.0, *self.known_orders}:
             cache[key] = result
         return result

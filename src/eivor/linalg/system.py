@@ -18,7 +18,7 @@ from eivor.errors import NonFiniteError, ShapeError, TooFewSamplesError
 from eivor.tools import Float
 
 Block = TypeVar("Block")
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
 #: Rows that pass through several steps: a dozen columns of them fit in a second-level cache.
 PASSED_ROWS = 16_384
@@ -38,8 +38,8 @@ def row_blocks(first: int, stop: int, size: int) -> Iterator[tuple[int, int]]:
         yield start, min(start + size, stop)
 
 
-def made_ahead(make: Callable[[Block], Made], blocks: Iterable[Block]) -> Iterator[Made]:
-    """What is made of each block, in order; of many blocks by threads, a few ahead of what is used."""
+def map_ahead(make: Callable[[Block], Result], blocks: Iterable[Block]) -> Iterator[Result]:
+    """Results of each block, in order; of many blocks by threads, a few ahead of their use."""
     remaining = iter(blocks)
     first = list(islice(remaining, THREADED_FROM))
     if len(first) < THREADED_FROM:
@@ -52,7 +52,7 @@ def made_ahead(make: Callable[[Block], Made], blocks: Iterable[Block]) -> Iterat
 
     workers = os.cpu_count() or 1
     with ThreadPoolExecutor(workers) as pool:
-        waiting: deque[Future[Made]] = deque()
+        waiting: deque[Future[Result]] = deque()
         for block in chain(first, remaining):
             waiting.append(pool.submit(make, block))
             if len(waiting) > workers:
@@ -78,10 +78,10 @@ def triangular_root(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
 
 
 def merged_roots(
-    first: Float[np.ndarray, "k n"], other: Float[np.ndarray, "m n"]
+    first: Float[np.ndarray, "k n"], second: Float[np.ndarray, "m n"]
 ) -> Float[np.ndarray, "q n"]:
     """Root of two stacked blocks of rows, either of which may be a root itself."""
-    return triangular_root(np.concatenate([first, other]))
+    return triangular_root(np.concatenate([first, second]))
 
 
 def orthogonal_factors(
@@ -114,9 +114,9 @@ class LinearSystem:
 
     def __post_init__(self) -> None:
         for name in ("matrix", "right", "error_covariance"):
-            given = getattr(self, name)
-            if given is not None or name != "error_covariance":
-                object.__setattr__(self, name, checks.real_array(name, given))
+            values = getattr(self, name)
+            if values is not None or name != "error_covariance":
+                object.__setattr__(self, name, checks.real_array(name, values))
         if self.matrix.ndim != 2:
             remedy = "Stack columns with column_stack."
             raise ShapeError("a matrix with two dimensions", f"shape {self.matrix.shape}", remedy)
@@ -146,7 +146,7 @@ class LinearSystem:
 
 @dataclass(frozen=True, slots=True)
 class Shrinkage:
-    """What regularisation did to a solution."""
+    """Effect of regularisation on a solution."""
 
     choice: str
     parameter: float
@@ -156,7 +156,7 @@ class Shrinkage:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What a solver found."""
+    """Solution of a linear system."""
 
     theta: Float[np.ndarray, " n"]
     residual: Float[np.ndarray, " m"]  # b - A theta
@@ -181,7 +181,7 @@ class Solver(ABC):
         """Solution of `system`."""
 
     def objectives(self, systems: Float[np.ndarray, "systems m n_plus_1"]) -> Float[np.ndarray, " systems"]:
-        """What `solve` would leave of many systems [A b] of one size. Performs no checks."""
+        """Objectives of many systems [A b] of one size. Performs no checks."""
         return np.array(
             [self.solve(LinearSystem(system[:, :-1], system[:, -1])).objective for system in systems]
         )

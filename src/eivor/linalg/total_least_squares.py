@@ -71,7 +71,7 @@ class UnweightedLeastSquares(Solver):
         return Solution(theta, residual, float(residual @ residual), condition)
 
     def objectives(self, systems: Float[np.ndarray, "systems m n_plus_1"]) -> Float[np.ndarray, " systems"]:
-        """Squares of what is left of b, by one QR of all, see `Solver.objectives`."""
+        """Residual sums of squares, by one QR of all, see `Solver.objectives`."""
         if systems.shape[1] < systems.shape[2]:
             return np.zeros(systems.shape[0])  # as many equations as unknowns are met exactly
         roots = np.asarray(np.linalg.qr(systems, mode="r"))
@@ -190,17 +190,17 @@ def split_problem(system: LinearSystem) -> SplitProblem:
     root = triangular_root(np.column_stack([system.matrix[:, order], system.right]))
     _, condition = smallest_singular_value(root[:unknowns, :unknowns] / lengths[order])
     if not noisy.size:
-        none = np.empty((0, 0))
-        return SplitProblem(system, S, exact, noisy, root, none, none, np.empty(0), 0.0, 0.0, condition)
-    both = np.append(noisy, unknowns)
-    L = _cholesky(S[np.ix_(both, both)])
+        empty = np.empty((0, 0))
+        return SplitProblem(system, S, exact, noisy, root, empty, empty, np.empty(0), 0.0, 0.0, condition)
+    columns = np.append(noisy, unknowns)
+    L = _cholesky(S[np.ix_(columns, columns)])
     whitened = scipy.linalg.solve_triangular(L, root[exact.size :, exact.size :].T, lower=True).T
-    left = triangular_root(whitened)
+    reduced = triangular_root(whitened)
     q = noisy.size
-    smallest = _smallest(left, q)
-    outside = float(left[q, q] ** 2) if left.shape[0] > q else 0.0
+    smallest = _smallest(reduced, q)
+    outside = float(reduced[q, q] ** 2) if reduced.shape[0] > q else 0.0
     return SplitProblem(
-        system, S, exact, noisy, root, L, left[:q, :q], left[:q, -1], outside, smallest, condition
+        system, S, exact, noisy, root, L, reduced[:q, :q], reduced[:q, -1], outside, smallest, condition
     )
 
 
@@ -239,7 +239,7 @@ def _cholesky(S: Square) -> Square:
 
 
 class ErrorsInColumns(Solver):
-    """What ways to solve a problem with errors in its columns have in common: the correction of the score."""
+    """Solver of problems with errors in their columns: the correction of the score."""
 
     def score_correction(
         self, residual: Float[np.ndarray, " rows"], theta: Vector, error_covariance: Covariance | None, /

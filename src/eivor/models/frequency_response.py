@@ -94,7 +94,7 @@ class Points:
         known = np.isfinite(self.input) & (self.input != 0.0)
         return np.asarray(np.where(known, self.output, np.nan) / np.where(known, self.input, 1.0))
 
-    def kept(self, mask: Bool[np.ndarray, " f"]) -> Points:
+    def selected(self, mask: Bool[np.ndarray, " f"]) -> Points:
         return Points(*(getattr(self, item.name)[mask] for item in fields(self)))
 
     def with_known_input(self) -> Points:
@@ -103,24 +103,25 @@ class Points:
         exact = {"input": none + 1.0 + 0.0j, "input_variance": none, "covariance": none + 0.0j}
         return replace(self, **exact, coherence=none + 1.0, partial=none)
 
-    def smoothed(self, reach: int) -> Points:
+    def smoothed(self, half_width: int) -> Points:
         """The same with noise smoothed over neighbours: logarithms by a line, correlations by a mean."""
         bias = scipy.special.digamma(self.dof) - np.log(self.dof)
         variances = (self.output_variance, self.input_variance)
         sizes = [np.log(np.maximum(item / self.share, TINY)) - bias for item in variances]
         correlation = self.covariance / np.sqrt(np.maximum(variances[0] * variances[1], TINY))
         x, f = np.log(self.frequency_hz), self.frequency_hz.size
-        smooth, dof, alike = np.empty((2, f)), np.empty(f), np.empty(f, dtype=np.complex128)
+        smooth, dof, common = np.empty((2, f)), np.empty(f), np.empty(f, dtype=np.complex128)
         for k in range(f):
-            near = slice(max(k - reach, 0), k + reach + 1)
-            away = x[near] - x[near].mean()
-            weight = 1.0 / away.size + away * (x[k] - x[near].mean()) / max(float(away @ away), TINY)
+            near = slice(max(k - half_width, 0), k + half_width + 1)
+            x_near = x[near] - x[near].mean()
+            power = max(float(x_near @ x_near), TINY)
+            weight = 1.0 / x_near.size + x_near * (x[k] - x[near].mean()) / power
             smooth[:, k] = [weight @ size[near] for size in sizes]
-            dof[k], alike[k] = self.dof[near].sum(), correlation[near].mean()
-        output, given = np.exp(smooth) * self.share
-        given = np.where(self.input_variance > 0.0, given, 0.0)
-        both = alike * np.sqrt(output * given)
-        return replace(self, output_variance=output, input_variance=given, covariance=both, dof=dof)
+            dof[k], common[k] = self.dof[near].sum(), correlation[near].mean()
+        S_y, S_u = np.exp(smooth) * self.share
+        S_u = np.where(self.input_variance > 0.0, S_u, 0.0)
+        covariance = common * np.sqrt(S_y * S_u)
+        return replace(self, output_variance=S_y, input_variance=S_u, covariance=covariance, dof=dof)
 
     def disc(self, critical: PerFrequency) -> tuple[Spectrum, PerFrequency]:
         """Centre and radius of the set {G: |a - G b|^2 <= c var(e_y - G e_u)}; NaN where it is unbounded."""
@@ -201,25 +202,25 @@ def local_polynomials(
 
 
 def _window(runs: Sequence[Spectra], driver: int, centre: float, half: float, degree: int) -> tuple[Any, ...]:
-    powers, blocks, answers = np.arange(degree + 1), [], []
+    powers, blocks, outputs = np.arange(degree + 1), [], []
     for run in runs:
         bins = run.window(centre, half)
         if bins.size <= 2 * powers.size:
             continue
         x = ((bins / run.length_s - centre) / half)[:, None] ** powers
         blocks.append((run.values[bins, driver][:, None] * x, x))
-        answers.append(run.values[bins][:, [2, 1]])
+        outputs.append(run.values[bins][:, [2, 1]])
     if not blocks:
         return _NOTHING
     driven = np.concatenate([block for block, _ in blocks])
     A = np.column_stack([driven, scipy.linalg.block_diag(*(free for _, free in blocks))])
-    return _row(A, np.concatenate(answers), A.shape[0] - A.shape[1])
+    return _row(A, np.concatenate(outputs), A.shape[0] - A.shape[1])
 
 
 _NOTHING = (complex(np.nan), complex(np.nan), np.nan, np.nan, complex(np.nan), 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
-def _row(A: np.ndarray, answers: np.ndarray, dof: int) -> tuple[Any, ...]:
+def _row(A: np.ndarray, outputs: np.ndarray, dof: int) -> tuple[Any, ...]:
     """Row of `Points` of the first column of A: a regression of [y, u]."""
     scale = np.sqrt(np.mean(np.abs(A) ** 2, axis=0))
     if not scale.all() or dof < 1:
@@ -229,10 +230,10 @@ def _row(A: np.ndarray, answers: np.ndarray, dof: int) -> tuple[Any, ...]:
     if diagonal.min() < ALIKE * diagonal.max():
         return _NOTHING
     first = scipy.linalg.solve_triangular(R, np.eye(R.shape[0], 1), trans="C")[:, 0].conj()
-    projected = Q.conj().T @ answers
-    left = answers - Q @ projected
+    projected = Q.conj().T @ outputs
+    e = outputs - Q @ projected
     variance = float(np.sum(np.abs(first) ** 2)) / scale[0] ** 2
-    return _numbers(first @ projected / scale[0], left.T @ left.conj() / dof, variance, scale[0] ** 2, dof)
+    return _numbers(first @ projected / scale[0], e.T @ e.conj() / dof, variance, scale[0] ** 2, dof)
 
 
 def _numbers(
@@ -272,16 +273,16 @@ def multisine_lines(runs: Sequence[Spectra], period_s: float, band_hz: tuple[flo
         x = ((bins - line) / half)[:, None] ** np.arange(DEGREE + 1)
         Q, R = np.linalg.qr(x)
         first = scipy.linalg.solve_triangular(R, np.eye(R.shape[0], 1), trans="T")[:, 0]
-        S, pair, weight = np.zeros((2, 2), dtype=np.complex128), np.zeros(2, dtype=np.complex128), 0.0
+        S, response, weight = np.zeros((2, 2), dtype=np.complex128), np.zeros(2, dtype=np.complex128), 0.0
         for run in runs:
-            answers, r = run.values[bins][:, [2, 1]], run.values[line, 0]
-            left = answers - Q @ (Q.T @ answers)
-            S += left.T @ left.conj()
-            pair += (run.values[line, [2, 1]] - first @ (Q.T @ answers)) * r.conj()
+            outputs, r = run.values[bins][:, [2, 1]], run.values[line, 0]
+            residual = outputs - Q @ (Q.T @ outputs)
+            S += residual.T @ residual.conj()
+            response += (run.values[line, [2, 1]] - first @ (Q.T @ outputs)) * r.conj()
             weight += abs(r) ** 2
         dof = len(runs) * (bins.size - DEGREE - 1)
         share = (1.0 + float(first @ first)) / weight
-        rows.append(_numbers(pair / weight, S / dof, share, weight / len(runs), dof))
+        rows.append(_numbers(response / weight, S / dof, share, weight / len(runs), dof))
     return _points(excited / runs[0].length_s, rows)
 
 
@@ -322,18 +323,18 @@ class FrequencyResponse:
     @cached_property
     def simultaneous_bands(self) -> tuple[Band, Band]:
         """The same for all frequencies together (Sidak)."""
-        each = self.level ** (1.0 / max(self.frequency_hz.size, 1))
-        return _magnitude_and_phase(*self.points.joint(each))
+        level = self.level ** (1.0 / max(self.frequency_hz.size, 1))
+        return _magnitude_and_phase(*self.points.joint(level))
 
     @cached_property
     def is_shown(self) -> Bool[np.ndarray, " f"]:
         """Where three neighbours or more answer the reference, windows apart, in a band without zero."""
         significant, f = self.points.significance < SIGNIFICANT, self.frequency_hz
-        kept = np.zeros_like(significant)
+        accepted = np.zeros_like(significant)
         for part in stretches(significant):
             apart = self.is_periodic or f[part.stop - 1] >= APART * f[part.start]
-            kept[part] = apart and part.stop - part.start >= NEIGHBOURS
-        return kept & (self.bands[0][:, 0] > 0.0) & np.isfinite(self.bands[0][:, 1])
+            accepted[part] = apart and part.stop - part.start >= NEIGHBOURS
+        return accepted & (self.bands[0][:, 0] > 0.0) & np.isfinite(self.bands[0][:, 1])
 
     @property
     def shown_ranges(self) -> tuple[tuple[float, float], ...]:
@@ -472,13 +473,13 @@ def frequency_response(
     return result if result.is_shown.any() else replace(result, findings=(*findings, NOT_REACHED))
 
 
-def _frequencies(given: ArrayLike | None, longest_s: float, rate_hz: float) -> PerFrequency:
-    if given is None:
+def _frequencies(frequency_hz: ArrayLike | None, longest_s: float, rate_hz: float) -> PerFrequency:
+    if frequency_hz is None:
         low = FIRST_CYCLES / longest_s
         return np.geomspace(low, max(LAST_SHARE * rate_hz, 2.0 * low), FREQUENCIES)
-    if np.ndim(given) == 0:
-        checks.number("frequency_hz", given)
-    grid = np.atleast_1d(checks.real_array("frequency_hz", given))
+    if np.ndim(frequency_hz) == 0:
+        checks.number("frequency_hz", frequency_hz)
+    grid = np.atleast_1d(checks.real_array("frequency_hz", frequency_hz))
     sound = grid.ndim == 1 and grid.size > 0 and bool(np.isfinite(grid).all())
     sound = sound and bool((np.diff(grid, prepend=0.0) > 0.0).all() and grid[-1] < rate_hz / 2.0)
     received = f"{grid.size} from {grid.min():.3g} to {grid.max():.3g} Hz" if grid.size else "none"
@@ -486,9 +487,9 @@ def _frequencies(given: ArrayLike | None, longest_s: float, rate_hz: float) -> P
     return grid
 
 
-def _arrays(name: str, given: Arrays) -> list[Float[np.ndarray, " n"]]:
-    several = isinstance(given, list | tuple) and bool(given) and np.ndim(given[0]) > 0
-    arrays = [checks.real_array(name, item) for item in (given if several else [given])]  # type: ignore[union-attr]
+def _arrays(name: str, values: Arrays) -> list[Float[np.ndarray, " n"]]:
+    is_sequence = isinstance(values, list | tuple) and bool(values) and np.ndim(values[0]) > 0
+    arrays = [checks.real_array(name, value) for value in (values if is_sequence else [values])]  # type: ignore[union-attr]
     for array in arrays:
         if array.ndim != 1:
             raise DataError(f"one column in {name}", f"the shape {array.shape}", "Give it as one array.")
@@ -497,7 +498,7 @@ def _arrays(name: str, given: Arrays) -> list[Float[np.ndarray, " n"]]:
 
 def _stretches(reference: Arrays, u: Arrays, y: Arrays) -> list[Float[np.ndarray, "n 3"]]:
     """Reference, input and output of every stretch of samples that are finite in all three."""
-    columns = [_arrays(name, given) for name, given in zip(NAMES, (reference, u, y), strict=True)]
+    columns = [_arrays(name, column) for name, column in zip(NAMES, (reference, u, y), strict=True)]
     lengths = [[array.size for array in arrays] for arrays in columns]
     if lengths[0] != lengths[1] or lengths[0] != lengths[2]:
         received = ", ".join(f"{name} {sizes}" for name, sizes in zip(NAMES, lengths, strict=True))
@@ -513,7 +514,7 @@ def answered_share(parts: Sequence[Float[np.ndarray, "n 3"]]) -> float:
     """Share of what is new in a reference that the output's past explains; zero where that may be chance."""
     rows: list[np.ndarray] = []
     for part in parts:
-        count = min(len(part), MOST_ROWS - sum(len(each) for each in rows)) - OWN_PAST
+        count = min(len(part), MOST_ROWS - sum(len(row) for row in rows)) - OWN_PAST
         if count > 0:
             r, y = part[: count + OWN_PAST, [0, 2]].T
             past = np.lib.stride_tricks.sliding_window_view(r - r.mean(), OWN_PAST + 1)
@@ -524,11 +525,11 @@ def answered_share(parts: Sequence[Float[np.ndarray, "n 3"]]) -> float:
     table = np.concatenate(rows)
     moments = (table.T @ table) / len(table)
 
-    def left(count: int) -> float:
+    def residual_power(count: int) -> float:
         solved = np.linalg.lstsq(moments[:count, :count], moments[:count, -1], rcond=1e-13)[0]
         return float(moments[-1, -1] - moments[:count, -1] @ solved)
 
-    new, rest = left(OWN_PAST), left(OWN_PAST + OUTPUT_PAST)
+    new, rest = residual_power(OWN_PAST), residual_power(OWN_PAST + OUTPUT_PAST)
     degrees = len(table) - OWN_PAST - OUTPUT_PAST - 1
     if degrees < 1 or not new > NEW * moments[-1, -1]:
         return 0.0
@@ -549,16 +550,17 @@ def _runs(
         if np.ptp(column) == 0.0:
             raise DataError(f"a {name} that changes", f"{column[0]:g} throughout", "Use a record that moves.")
     if period_s is None:
-        kept = [values[: fast_length(len(values))] for values in runs if len(values) >= SHORTEST_S * rate_hz]
+        runs = [values for values in runs if len(values) >= SHORTEST_S * rate_hz]
+        runs_used = [values[: fast_length(len(values))] for values in runs]
     else:
-        kept = _whole_periods(runs, rate_hz, period_s)
-    return spectra(kept, 1.0 / rate_hz)
+        runs_used = _whole_periods(runs, rate_hz, period_s)
+    return spectra(runs_used, 1.0 / rate_hz)
 
 
 def spectra(runs: Sequence[Float[np.ndarray, "n 3"]], step_s: float) -> tuple[Spectra, ...]:
     """Spectra of reference, input and output of each run."""
-    made = (np.fft.rfft(values - values.mean(axis=0), axis=0) / np.sqrt(len(values)) for values in runs)
-    return tuple(Spectra(len(values) * step_s, spectrum) for values, spectrum in zip(runs, made, strict=True))
+    ffts = (np.fft.rfft(values - values.mean(axis=0), axis=0) / np.sqrt(len(values)) for values in runs)
+    return tuple(Spectra(len(values) * step_s, spectrum) for values, spectrum in zip(runs, ffts, strict=True))
 
 
 def _whole_periods(
@@ -568,8 +570,8 @@ def _whole_periods(
     checks.number("period_s", period_s)
     checks.positive("period_s", period_s)
     samples = round(period_s * rate_hz)
-    whole = samples > 1 and abs(samples - period_s * rate_hz) < 1e-6 * samples
-    checks.require(whole, "a period of a whole number of samples", f"{period_s * rate_hz:g} of them")
+    integral = samples > 1 and abs(samples - period_s * rate_hz) < 1e-6 * samples
+    checks.require(integral, "a period of a whole number of samples", f"{period_s * rate_hz:g} of them")
     runs = [values for values in runs if len(values) >= 2 * samples]
     if not runs:
         expected = f"a run of two periods ({2 * period_s:g} s) or more"

@@ -14,7 +14,7 @@ from eivor.models.regression import AxisRows, Parameter, Regression, RowLayout, 
 from eivor.models.separable import (
     Interpolation,
     ManyValues,
-    MovedRun,
+    MovingColumns,
     Nuisance,
     SeparableProblem,
     Values,
@@ -38,9 +38,9 @@ ASYMMETRIES = np.array([-0.6, 0.6])
 #: Values of it to begin a search at: from one stage to nearly two equal ones.
 SECOND_STAGES = np.linspace(0.0, 0.249, 4)
 
-#: Complex numbers of moving columns that are remembered: the first that a search asks for, its grid's.
+#: Complex numbers of moving columns that are cached: the first of a search, those of its grid.
 MEMO_NUMBERS = 5_000_000
-#: So many points have their rows in frequency kept: stages of an estimate look at few again and again.
+#: Number of points whose rows in frequency are cached: stages of an estimate use few again and again.
 KEPT_BINS = 4
 
 #: Band of spectral rows [Hz].
@@ -66,12 +66,12 @@ def lag_and_delay(
     return lag, Nuisance(DELAY, delays, part_of=ACTUATOR_LAG.name, tolerance=TOLERANCE_S)
 
 
-def of_order(nuisances: tuple[Nuisance, ...], order: int | None) -> tuple[Nuisance, ...]:
+def with_order(nuisances: tuple[Nuisance, ...], order: int | None) -> tuple[Nuisance, ...]:
     """Nuisances of a response of order 1, without a lag, or 3, with a second stage; others as they are."""
-    searched = any(item.name == ACTUATOR_LAG.name and item.searched for item in nuisances)
+    searched = any(n.name == ACTUATOR_LAG.name and n.searched for n in nuisances)
     if order == 1:
-        return tuple(item.known_at(0.0) if item.name == ACTUATOR_LAG.name else item for item in nuisances)
-    if order != 3 or not searched or SECOND_STAGE in [item.parameter for item in nuisances]:
+        return tuple(n.known_at(0.0) if n.name == ACTUATOR_LAG.name else n for n in nuisances)
+    if order != 3 or not searched or SECOND_STAGE in [n.parameter for n in nuisances]:
         return nuisances
     return (*nuisances, Nuisance(SECOND_STAGE, SECOND_STAGES, tolerance=1e-4))
 
@@ -127,7 +127,7 @@ class AxisColumns:
         counted = ((run, self.counted(run)) for run in self.runs)
         return [columns[run] if inside is None else columns[run][inside] for run, inside in counted]
 
-    def whole(self, nuisances: Values, count: int) -> Float[np.ndarray, "n count"]:
+    def all_columns(self, nuisances: Values, count: int) -> Float[np.ndarray, "n count"]:
         """Columns of all parameters, so many, with zeros for those that are not in the equation."""
         columns = self.moving(nuisances)
         moving = np.zeros((len(columns), count - self.fixed.shape[1]))
@@ -167,8 +167,8 @@ class LagsAndDelays(Interpolation):
         shortest_s = lag.around(lag.first)[0] * (LEAST_SECOND_LAG if staged else 1.0)
         low, high = np.log(shortest_s), np.log(lag.around(float(lag.grid[-1]))[1])
         # 1/(1 + i w tau) has its poles pi/2 from the line of log tau
-        reach = np.pi / (high - low)
-        count = np.ceil(-np.log(INTERPOLATION_ERROR) / np.log(reach + np.hypot(reach, 1.0)))
+        ratio = np.pi / (high - low)
+        count = np.ceil(-np.log(INTERPOLATION_ERROR) / np.log(ratio + np.hypot(ratio, 1.0)))
         return cls((low, high), int(count), step_s, int(np.ceil(delay.grid[-1] / step_s - 1e-9)) + 1)
 
     @cached_property
@@ -192,31 +192,31 @@ class LagsAndDelays(Interpolation):
         lags, steps = values[ACTUATOR_LAG.name], values[DELAY.name] / self.step_s
         stages = values.get(SECOND_STAGE.name, np.zeros(1))
         if not stages.any():
-            return self._of_one_stage(lags, steps)
+            return self._lag_weights(lags, steps)
         apart = np.sqrt(1.0 - 4.0 * stages)
         longer, shorter = (
-            part[:, None] * self._of_one_stage(np.maximum(part * lags, np.exp(self.ends[0])), steps)
+            part[:, None] * self._lag_weights(np.maximum(part * lags, np.exp(self.ends[0])), steps)
             for part in (0.5 + 0.5 * apart, 0.5 - 0.5 * apart)
         )
         return (longer - shorter) / apart[:, None]
 
-    def _of_one_stage(
+    def _lag_weights(
         self, lags: Float[np.ndarray, " points"], steps: Float[np.ndarray, " points"]
     ) -> Float[np.ndarray, "points nodes"]:
         low, high = self.ends
-        away = ((2.0 * np.log(lags) - low - high) / (high - low))[:, None] - self._nodes
+        distances = ((2.0 * np.log(lags) - low - high) / (high - low))[:, None] - self._nodes
         ends = np.where(np.isin(np.arange(self.lags), (0, self.lags - 1)), 0.5, 1.0)
-        of_lag = (-1.0) ** np.arange(self.lags) * ends / np.where(away == 0.0, 1e-300, away)
-        of_lag /= of_lag.sum(axis=1, keepdims=True)
-        whole = np.minimum(np.floor(steps + 1e-9).astype(np.int64), self.delays - 2)
+        at_lags = (-1.0) ** np.arange(self.lags) * ends / np.where(distances == 0.0, 1e-300, distances)
+        at_lags /= at_lags.sum(axis=1, keepdims=True)
+        whole_steps = np.minimum(np.floor(steps + 1e-9).astype(np.int64), self.delays - 2)
         decay = self.step_s / lags
-        earlier = np.expm1((np.maximum(steps - whole, 0.0) - 1.0) * decay) / np.expm1(-decay)
+        earlier = np.expm1((np.maximum(steps - whole_steps, 0.0) - 1.0) * decay) / np.expm1(-decay)
         # w(t - k) = exp(-h/tau) w(t - k - 1) + (1 - exp(-h/tau)) u(t - k - 1)
-        since = np.arange(self.delays)[None] - whole[:, None]
-        kept = np.exp(-np.maximum(since, 0) * decay[:, None])
+        since = np.arange(self.delays)[None] - whole_steps[:, None]
+        gain = np.exp(-np.maximum(since, 0) * decay[:, None])
         later = np.exp(-np.maximum(since - 1, 0) * decay[:, None])
-        kept = earlier[:, None] * kept * (since >= 0) + (1.0 - earlier)[:, None] * later * (since >= 1)
-        return np.concatenate([-np.expm1(-decay)[:, None] * kept[:, :-1], kept[:, -1:] * of_lag], axis=1)
+        gain = earlier[:, None] * gain * (since >= 0) + (1.0 - earlier)[:, None] * later * (since >= 1)
+        return np.concatenate([-np.expm1(-decay)[:, None] * gain[:, :-1], gain[:, -1:] * at_lags], axis=1)
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ class LaggedRuns(SeparableProblem):
     #: Those of the fixed columns first; every axis has a column for each, maybe of zeros.
     parameters: tuple[Parameter, ...]
     nuisances: tuple[Nuisance, ...]  # What moves columns
-    #: What is known of the noises in rows in time. Default: nothing, and that instruments are exact.
+    #: Noises in rows in time. Default: unknown ones, and exact instruments.
     noise: Callable[[Values], RowNoise] | None = None
     #: The same flights with so much more of every noise that is known: the difference has their covariance.
     noisier: LaggedRuns | None = None
@@ -259,19 +259,19 @@ class LaggedRuns(SeparableProblem):
             remedy = "See the reasons that `eivor inspect` gives."
             raise TooFewSamplesError("at least one usable run of flight", "none", remedy)
         runs = self._bin_layout.runs
-        count, least = sum(run.count for run in runs), len(self.parameters) // 2 + 1  # two numbers each
-        if count < least:
+        count, fewest = sum(run.count for run in runs), len(self.parameters) // 2 + 1  # two numbers each
+        if count < fewest:
             low, high = min(run.band_hz[0] for run in runs), max(run.band_hz[1] for run in runs)
             longest = max(run.length * run.step_s for run in runs)
-            expected = f"{least} frequencies or more between {low:.3g} and {high:.3g} Hz in the runs used"
+            expected = f"{fewest} frequencies or more between {low:.3g} and {high:.3g} Hz in the runs used"
             received = f"{count or 'none'}; the longest run lasts {longest:.3g} s"
             remedy = "Fly longer without a break, and log commands and sensors faster."
             raise TooFewSamplesError(expected, received, remedy)
-        for item in self.columns:
-            if item.responses.shape[1] not in (1, 2):
+        for axis_columns in self.columns:
+            if axis_columns.responses.shape[1] not in (1, 2):
                 expected = "one or two candidates for the response of an axis"
                 remedy = "Give what was measured and, beside it, a derivative of what was measured."
-                raise ShapeError(expected, f"{item.responses.shape[1]}", remedy)
+                raise ShapeError(expected, f"{axis_columns.responses.shape[1]}", remedy)
         for axis in self.axes:
             widths = [column.instruments.shape[1] for column in self.columns if column.axis == axis]
             if len(set(widths)) != 1:
@@ -303,24 +303,24 @@ class LaggedRuns(SeparableProblem):
         known = [ACTUATOR_LAG.name, DELAY.name, SECOND_STAGE.name][: len(self.nuisances)]
         if names == [DELAY.name] and searched[0].first < 0.0:
             low, high = np.floor(searched[0].grid[[0, -1]] / step_s).astype(np.int64).tolist()
-            late = [self.first_values | {DELAY.name: k * step_s} for k in range(low - 2, high + 4)]
-            made: LagsAndDelays | Shifts = Shifts(late, step_s, 2 - low)
+            shifted = [self.first_values | {DELAY.name: k * step_s} for k in range(low - 2, high + 4)]
+            result: LagsAndDelays | Shifts = Shifts(shifted, step_s, 2 - low)
         elif len(names) > 1 and names == known and searched[1].first >= 0.0:
-            made = LagsAndDelays.of_grids(searched[0], searched[1], step_s, staged=len(names) > 2)
+            result = LagsAndDelays.of_grids(searched[0], searched[1], step_s, staged=len(names) > 2)
         else:
             return None
-        count, moving = len(made.points), len(self.parameters) - self.still
+        count, moving = len(result.points), len(self.parameters) - self.still
         numbers = count * sum(run.count for run in self._bin_layout.runs) * moving
-        return made if count <= MOST_INTERPOLATED * len(names) and numbers <= MEMO_NUMBERS else None
+        return result if count <= MOST_INTERPOLATED * len(names) and numbers <= MEMO_NUMBERS else None
 
-    def moved_runs(self, points: Sequence[Values]) -> Iterator[MovedRun]:
-        at = [self.still + np.array(self._positions(item), dtype=np.int64) for item, _ in self._cut()]
-        runs = zip(at, self._bin_layout.runs, strict=True)
-        made = [np.empty((len(points), index.size, 2 * run.count)) for index, run in runs]
+    def moving_columns(self, points: Sequence[Values]) -> Iterator[MovingColumns]:
+        places = [self.still + np.array(self._positions(c), dtype=np.int64) for c, _ in self._cut()]
+        runs = zip(places, self._bin_layout.runs, strict=True)
+        bins = [np.empty((len(points), index.size, 2 * run.count)) for index, run in runs]
         for number, point in enumerate(points):
-            for rows, block in zip(made, self._moving_bins(point), strict=True):
+            for rows, block in zip(bins, self._moving_bins(point), strict=True):
                 np.concatenate([block.real.T, block.imag.T], axis=1, out=rows[number])
-        yield from zip(at, made, strict=True)
+        yield from zip(places, bins, strict=True)
 
     def with_nuisances(self, nuisances: tuple[Nuisance, ...], **changes: Any) -> Any:
         result = replace(self, nuisances=nuisances, **changes)
@@ -333,20 +333,20 @@ class LaggedRuns(SeparableProblem):
     def with_instruments(self, instruments: Sequence[Float[np.ndarray, "n p"]]) -> LaggedRuns:
         """The same with other instruments of each flight and axis."""
         pairs = zip(self.columns, instruments, strict=True)
-        result = replace(self, columns=tuple(replace(item, instruments=made) for item, made in pairs))
+        result = replace(self, columns=tuple(replace(column, instruments=block) for column, block in pairs))
         vars(result).update(_bin_layout=self._bin_layout, _memo=self._memo, _fixed_bins=self._fixed_bins)
         return result
 
     def band_hz(self, axis: int) -> tuple[float, float]:
         return next(column.band_hz for column in self.columns if column.axis == axis)
 
-    def spectra(self, of_flights: Sequence[Float[np.ndarray, "n k"]]) -> Complex[np.ndarray, "bins k_axes"]:
+    def spectra(self, columns: Sequence[Float[np.ndarray, "n k"]]) -> Complex[np.ndarray, "bins k_axes"]:
         """Bins of columns of each flight, in the rows of every axis by themselves."""
         blocks, axes = [], self.axes
-        for (item, run), layout in zip(self._cut(), self._bin_layout.runs, strict=True):
-            made = layout.spectrum(of_flights[item.flight][run])
-            zeros = np.zeros_like(made)
-            blocks.append(np.hstack([made if axis == item.axis else zeros for axis in axes]))
+        for (column, run), layout in zip(self._cut(), self._bin_layout.runs, strict=True):
+            spectrum = layout.spectrum(columns[column.flight][run])
+            zeros = np.zeros_like(spectrum)
+            blocks.append(np.hstack([spectrum if axis == column.axis else zeros for axis in axes]))
         return np.concatenate(blocks)
 
     def _cut(self) -> Iterator[tuple[AxisColumns, slice]]:
@@ -371,54 +371,54 @@ class LaggedRuns(SeparableProblem):
         every = range(len(self.parameters) - axis_columns.fixed.shape[1])
         return every if axis_columns.moved is None else axis_columns.moved
 
-    def _among_all(self, blocks: list[np.ndarray]) -> list[np.ndarray]:
+    def _padded(self, blocks: list[np.ndarray]) -> list[np.ndarray]:
         """Moving columns of every run at their places, with zeros for what is not in its equation."""
         results = []
-        for (item, _), block in zip(self._cut(), blocks, strict=True):
-            whole = np.zeros((block.shape[0], len(self.parameters) - item.fixed.shape[1]), block.dtype)
-            whole[:, list(self._positions(item))] = block
-            results.append(whole)
+        for (column, _), block in zip(self._cut(), blocks, strict=True):
+            padded = np.zeros((block.shape[0], len(self.parameters) - column.fixed.shape[1]), block.dtype)
+            padded[:, list(self._positions(column))] = block
+            results.append(padded)
         return results
 
     def _instruments(self) -> Iterator[Float[np.ndarray, "_ p"]]:
         """Instruments of every run: each axis has columns of its own. They are large, and used once."""
         widths = {column.axis: column.instruments.shape[1] for column in self.columns}
         first = dict(zip(self.axes, np.cumsum([0, *(widths[axis] for axis in self.axes)]), strict=False))
-        for item, run in self._cut():
-            after = sum(widths.values()) - first[item.axis] - widths[item.axis]
-            columns, around = item.instruments[run], ((0, 0), (first[item.axis], after))
+        for column, run in self._cut():
+            trailing = sum(widths.values()) - first[column.axis] - widths[column.axis]
+            columns, around = column.instruments[run], ((0, 0), (first[column.axis], trailing))
             yield np.pad(columns, around) if len(widths) > 1 else columns
 
-    def _timed(self, blocks: Iterable[Float[np.ndarray, "_ columns"]]) -> Float[np.ndarray, "rows columns"]:
+    def _detrend(self, blocks: Iterable[Float[np.ndarray, "_ columns"]]) -> Float[np.ndarray, "rows columns"]:
         """Samples of all runs that count, without mean and line of their run, as rows in frequency are."""
         rows: list[np.ndarray] = []
-        for (item, run), block in zip(self._cut(), blocks, strict=True):
-            polynomials, counted = trend(run.stop - run.start, item.step_s), item.counted(run)
-            chosen = slice(None) if counted is None else counted
-            kept, (basis, _) = block[chosen], np.linalg.qr(polynomials[chosen])
-            rows.append(kept - basis @ (basis.T @ kept))
+        for (column, run), block in zip(self._cut(), blocks, strict=True):
+            polynomials, counted = trend(run.stop - run.start, column.step_s), column.counted(run)
+            mask = slice(None) if counted is None else counted
+            values, (basis, _) = block[mask], np.linalg.qr(polynomials[mask])
+            rows.append(values - basis @ (basis.T @ values))
         return np.concatenate(rows)
 
     @cached_property
     def _fixed_rows(self) -> tuple[Float[np.ndarray, "rows f_plus_1"], Float[np.ndarray, "rows p"]]:
-        fixed = (np.column_stack([item.responses[run, 0], item.fixed[run]]) for item, run in self._cut())
-        return self._timed(fixed), self._timed(self._instruments())
+        fixed = (np.column_stack([c.responses[run, 0], c.fixed[run]]) for c, run in self._cut())
+        return self._detrend(fixed), self._detrend(self._instruments())
 
     @cached_property
     def _row_layout(self) -> RowLayout:
         parts = []
-        for item, run in self._cut():
+        for column, run in self._cut():
             samples = np.arange(run.start, run.stop)
-            counted = item.counted(run)
+            counted = column.counted(run)
             samples = samples if counted is None else samples[counted]
-            which = (np.full(samples.size, item.flight), np.full(samples.size, item.axis))
-            parts.append(np.stack([*which, samples]))
+            labels = (np.full(samples.size, column.flight), np.full(samples.size, column.axis))
+            parts.append(np.stack([*labels, samples]))
         flights, axes, samples = np.concatenate(parts, axis=1)
         return SampleRows(flights) if len(self.axes) == 1 else AxisRows(flights, axes, samples)
 
     def rows(self, nuisance_values: Values) -> Regression:
         fixed, instruments = self._fixed_rows
-        moving = self._timed(self._among_all(self._moving(nuisance_values)))
+        moving = self._detrend(self._padded(self._moving(nuisance_values)))
         regressors = np.column_stack([fixed[:, 1:], moving])
         exact = np.zeros((instruments.shape[1], len(self.parameters) + 1))
         noises: RowNoise = (None, exact) if self.noise is None else self.noise(nuisance_values)
@@ -431,7 +431,7 @@ class LaggedRuns(SeparableProblem):
 
     @cached_property
     def _bin_layout(self) -> BinRows:
-        return BinRows(tuple(item.spectral(run) for item, run in self._cut()))
+        return BinRows(tuple(column.spectral(run) for column, run in self._cut()))
 
     @cached_property
     def _fixed_bins(self) -> tuple[Complex[np.ndarray, "bins r"], Complex[np.ndarray, "bins f"]]:
@@ -440,13 +440,13 @@ class LaggedRuns(SeparableProblem):
             axis: min(column.responses.shape[1] for column in self.columns if column.axis == axis)
             for axis in self.axes
         }
-        most, blocks = max(common.values()), []
-        for (item, run), layout in zip(self._cut(), self._bin_layout.runs, strict=True):
-            responses = item.responses[run, -common[item.axis] :]
-            twice = [responses] * (most - responses.shape[1] + 1)
-            blocks.append(layout.spectrum(np.column_stack([*twice, item.fixed[run]])))
+        count, blocks = max(common.values()), []
+        for (column, run), layout in zip(self._cut(), self._bin_layout.runs, strict=True):
+            responses = column.responses[run, -common[column.axis] :]
+            repeated = [responses] * (count - responses.shape[1] + 1)
+            blocks.append(layout.spectrum(np.column_stack([*repeated, column.fixed[run]])))
         spectra = np.concatenate(blocks)
-        return spectra[:, :most], spectra[:, most:]
+        return spectra[:, :count], spectra[:, count:]
 
     @cached_property
     def instrument_bins(self) -> Complex[np.ndarray, "bins p"]:
@@ -458,11 +458,11 @@ class LaggedRuns(SeparableProblem):
         key = tuple(nuisance_values[nuisance.name] for nuisance in self.nuisances)
         result = self._memo.get(key)
         if result is None:
-            between = self.interpolation
-            if isinstance(between, Shifts) and nuisance_values not in between.points:
-                nodes = zip(*map(self._moving_bins, between.points), strict=True)
-                weights = between.weights(values_of([nuisance_values]))[0]
-                return [np.tensordot(weights, every, 1) for every in nodes]
+            interpolation = self.interpolation
+            if isinstance(interpolation, Shifts) and nuisance_values not in interpolation.points:
+                nodes = zip(*map(self._moving_bins, interpolation.points), strict=True)
+                weights = interpolation.weights(values_of([nuisance_values]))[0]
+                return [np.tensordot(weights, node_bins, 1) for node_bins in nodes]
             moving = zip(self._bin_layout.runs, self._moving(nuisance_values), strict=True)
             result = [run.spectrum(block) for run, block in moving]
             if (len(self._memo) + 1) * sum(block.size for block in result) <= MEMO_NUMBERS:
@@ -474,18 +474,18 @@ class LaggedRuns(SeparableProblem):
         if key in self._latest:
             return self._latest[key]
         (responses, fixed), instruments = self._fixed_bins, self.instrument_bins
-        moving = np.concatenate(self._among_all(self._moving_bins(nuisance_values)))
+        moving = np.concatenate(self._padded(self._moving_bins(nuisance_values)))
         more = None if self.noisier is None else partial(self.noisier.bins, nuisance_values)
         regressors = np.concatenate([fixed, moving], axis=1)
-        made = (responses, regressors, instruments, self.parameters, self._bin_layout, more)
+        parts = (responses, regressors, instruments, self.parameters, self._bin_layout, more)
         for earlier in list(self._latest)[: 1 - KEPT_BINS]:
             del self._latest[earlier]
-        return self._latest.setdefault(key, SpectralRegression(*made))
+        return self._latest.setdefault(key, SpectralRegression(*parts))
 
     def series_in_band(
         self, nuisance_values: Values, axis: int, theta: Float[np.ndarray, " n"], part: Sequence[int]
     ) -> Float[np.ndarray, "samples 3"]:
-        """Response of an axis, what parameters say of it, and the part of some of them, within the band."""
+        """Response of an axis, its prediction, and the part of some parameters in it, within the band."""
         bins, index = self.bins(nuisance_values), list(part)
         columns = np.column_stack(
             [bins.responses[:, 0], bins.regressors @ theta, bins.regressors[:, index] @ theta[index]]

@@ -247,9 +247,9 @@ class Regression(LinearProblem):
 
     def __post_init__(self) -> None:
         for name in ("response", "regressors", "instruments", "regressor_noise", "instrument_noise"):
-            given = getattr(self, name)
-            if given is not None or not name.endswith("noise"):
-                object.__setattr__(self, name, checks.real_array(name, given))
+            values = getattr(self, name)
+            if values is not None or not name.endswith("noise"):
+                object.__setattr__(self, name, checks.real_array(name, values))
         checks.items("parameters", self.parameters, Parameter, "Parameter")
         checks.kind("layout", self.layout, RowLayout, "a layout of rows", "SampleRows(flights) is one.")
         _check(self)
@@ -286,21 +286,21 @@ class Regression(LinearProblem):
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
         remedy = "Give regression(instrument_noise_covariance=...); zeros say that they share none."
-        of = "instruments' noises with those of regressors and response"
-        return _declared(self.instrument_noise, of, remedy)
+        description = "instruments' noises with those of regressors and response"
+        return _declared(self.instrument_noise, description, remedy)
 
     def instruments_share_noise(self) -> bool:
         return self.instrument_noise is not None and bool(np.any(self.instrument_noise))
 
 
-def _declared(covariance: np.ndarray | None, of: str, remedy: str) -> np.ndarray:
+def _declared(covariance: np.ndarray | None, description: str, remedy: str) -> np.ndarray:
     if covariance is None:
-        raise MissingNoiseError(f"the covariance of the {of}", "none", remedy)
+        raise MissingNoiseError(f"the covariance of the {description}", "none", remedy)
     return covariance
 
 
-def _check(given: Regression) -> None:
-    y, Phi, Psi, names = given.response, given.regressors, given.instruments, given.names
+def _check(problem: Regression) -> None:
+    y, Phi, Psi, names = problem.response, problem.regressors, problem.instruments, problem.names
     if y.ndim != 1 or Phi.ndim != 2 or Psi.ndim != 2:
         expected = "a response of shape (rows,), and instruments and regressors with two dimensions"
         remedy = "Stack columns with numpy.column_stack."
@@ -312,25 +312,25 @@ def _check(given: Regression) -> None:
         raise ShapeError(expected, f"{y.shape}, {Phi.shape} and {Psi.shape}", remedy)
     if len(names) != unknowns:
         raise ShapeError(f"one name for each of {unknowns} regressors", f"{len(names)}", "Name every column.")
-    twice = sorted(item for item, count in Counter(names).items() if count > 1)
-    if twice:
+    repeated = sorted(item for item, count in Counter(names).items() if count > 1)
+    if repeated:
         expected = "a name of its own for every parameter"
         remedy = "An estimate is requested by the name of its parameter."
-        raise UsageError(expected, f"{', '.join(repr(item) for item in twice)} more than once", remedy)
+        raise UsageError(expected, f"{', '.join(repr(item) for item in repeated)} more than once", remedy)
     if rows < unknowns:
         remedy = "Give a longer record."
         raise TooFewSamplesError(f"at least {unknowns} rows for {unknowns} unknowns", f"{rows}", remedy)
     for name, values in (("response", y), ("regressors", Phi), ("instruments", Psi)):
         check_finite(name, values)
-    specific, shared, available = given.regressor_noise, given.instrument_noise, Psi.shape[1]
+    specific, shared, available = problem.regressor_noise, problem.instrument_noise, Psi.shape[1]
     if specific is not None:
         check_covariance(specific, unknowns + 1)
     if shared is not None:
         if shared.shape != (available, unknowns + 1):
-            size, of = f"{available} x {unknowns + 1}", "the instruments' noises with those of"
+            size, owners = f"{available} x {unknowns + 1}", "the instruments' noises with those of"
             remedy = "Its last column belongs to the response."
             received = f"shape {shared.shape}"
-            raise ShapeError(f"a {size} covariance of {of} [regressors, response]", received, remedy)
+            raise ShapeError(f"a {size} covariance of {owners} [regressors, response]", received, remedy)
         check_finite("instrument noise covariance", shared)
 
 
@@ -361,10 +361,10 @@ def check_covariance(matrix: Float[np.ndarray, "..."], size: int) -> None:
     if np.abs(matrix).max(initial=0.0) > LARGEST_VARIANCE:
         remedy = "Give columns and noises in other units; products of these no double can hold."
         raise CovarianceError(f"variances up to {LARGEST_VARIANCE:g}", f"{np.abs(matrix).max():g}", remedy)
-    least = np.abs(np.diag(matrix)[np.diag(matrix) != 0.0]).min(initial=1.0)
-    if least < 1.0 / LARGEST_VARIANCE:
+    lowest = np.abs(np.diag(matrix)[np.diag(matrix) != 0.0]).min(initial=1.0)
+    if lowest < 1.0 / LARGEST_VARIANCE:
         remedy = "Give columns and noises in other units, or zero for what is exact."
-        raise CovarianceError(f"variances of zero, or from {1.0 / LARGEST_VARIANCE:g}", f"{least:g}", remedy)
+        raise CovarianceError(f"variances of zero, or from {1.0 / LARGEST_VARIANCE:g}", f"{lowest:g}", remedy)
     scale = np.sqrt(np.abs(np.diag(matrix)))
     scale = np.where(scale > 0.0, scale, 1.0)
     unit = matrix / np.outer(scale, scale)

@@ -56,8 +56,8 @@ class LaggedReferences(InstrumentRule):
     def columns(self, signals: Signals, _command: Float[np.ndarray, " n"], /) -> Float[np.ndarray, "n p"]:
         results: list[np.ndarray] = []
         for name in self.channels:
-            usual = REFERENCE_LAGS.get(name, DEFAULT_LAGS) if len(self.channels) > 1 else LONE_LAGS
-            count, lag_s = usual if self.lags is None else self.lags
+            default = REFERENCE_LAGS.get(name, DEFAULT_LAGS) if len(self.channels) > 1 else LONE_LAGS
+            count, lag_s = default if self.lags is None else self.lags
             results.append(signals.channel(name))
             for _ in range(count):
                 results.append(first_order_lag(results[-1], step_s=signals.step_s, lag_s=lag_s))
@@ -195,20 +195,20 @@ class Nuisance:
         return 0.0 if self.prior is None else self.prior.misfit(self.with_others(nuisance_values))
 
     def with_others(self, numbers: Mapping[str, Number]) -> Number:
-        """Sum of its value and of those that what is known is about as well."""
-        return numbers[self.name] + sum(numbers[other] for other in self.known_with)
+        """Sum of its value and of those that share its prior."""
+        return numbers[self.name] + sum(numbers[name] for name in self.known_with)
 
     def information(self, names: Sequence[str], nuisance_values: Values) -> Float[np.ndarray, "k q"]:
-        """Rows of what is known beforehand, by those that are searched for, over their standard errors."""
-        value, whole = nuisance_values[self.name], nuisance_values.get(self.part_of, 0.0)
-        both = {self.name, *self.known_with}
+        """Rows of prior information, by the nuisances that are searched for, over standard errors."""
+        value, rest = nuisance_values[self.name], nuisance_values.get(self.part_of, 0.0)
+        summed = {self.name, *self.known_with}
         if self.prior is not None:
-            return np.array([[(name in both) / self.prior.std for name in names]])
-        if self.part_of not in names or not value + whole > 0.0:
+            return np.array([[(name in summed) / self.prior.std for name in names]])
+        if self.part_of not in names or not value + rest > 0.0:
             return np.empty((0, len(names)))
-        total = value + whole
+        total = value + rest
         std = float(np.hypot(total / np.sqrt(12.0), value - 0.5 * total))
-        share = {self.name: whole / total, self.part_of: -value / total}
+        share = {self.name: rest / total, self.part_of: -value / total}
         return np.array([[share.get(name, 0.0) / std for name in names]])
 
     def at_end(self, value: float) -> bool:
@@ -232,10 +232,10 @@ class Nuisance:
         step = DIFFERENCE * (high - low)
         return max(value - step, low), min(value + step, high)
 
-    def derivative(self, of: Callable[[Values], Number], nuisance_values: Values) -> Number:
+    def derivative(self, function: Callable[[Values], Number], nuisance_values: Values) -> Number:
         """Derivative of a function of all nuisances by this one, by a central difference, see `around`."""
         low, high = self.around(nuisance_values[self.name])
-        below, above = (of({**nuisance_values, self.name: value}) for value in (low, high))
+        below, above = (function({**nuisance_values, self.name: value}) for value in (low, high))
         return (above - below) / (high - low)
 
 
@@ -258,7 +258,7 @@ class WarmStart:
 
 
 #: Places of the columns that move in a run, and their real rows at each point.
-MovedRun = tuple[Int[np.ndarray, " m"], Float[np.ndarray, "points m rows"]]
+MovingColumns = tuple[Int[np.ndarray, " m"], Float[np.ndarray, "points m rows"]]
 
 
 class Interpolation(ABC):
@@ -268,7 +268,7 @@ class Interpolation(ABC):
 
     @abstractmethod
     def weights(self, values: ManyValues) -> Float[np.ndarray, "points nodes"]:
-        """What the columns at each of `points` count."""
+        """Weights of the columns at each of `points`."""
 
 
 def values_of(points: Sequence[Values]) -> ManyValues:
@@ -296,7 +296,7 @@ class SeparableProblem(ABC):
 
     @property
     def still(self) -> int:
-        """So many columns, the first, are the same at all values of the nuisances."""
+        """Number of leading columns that are the same at all values of the nuisances."""
         return 0
 
     @property
@@ -309,16 +309,16 @@ class SeparableProblem(ABC):
         """How columns at all values follow from those at some; by default they do not."""
         return None
 
-    def moved_runs(self, points: Sequence[Values]) -> Iterator[MovedRun]:
-        """What moves in each run, at many values of the nuisances."""
-        moved, start = [self.bins(point) for point in points], 0
-        for run in moved[0].layout.runs:
-            seen = np.stack([item.regressors[start : start + run.count, self.still :].T for item in moved])
-            index = np.flatnonzero(seen.any(axis=(0, 2)))
-            yield self.still + index, np.concatenate([seen[:, index].real, seen[:, index].imag], axis=2)
+    def moving_columns(self, points: Sequence[Values]) -> Iterator[MovingColumns]:
+        """Moving columns of each run, at many values of the nuisances."""
+        rows, start = [self.bins(point) for point in points], 0
+        for run in rows[0].layout.runs:
+            X = np.stack([bins.regressors[start : start + run.count, self.still :].T for bins in rows])
+            index = np.flatnonzero(X.any(axis=(0, 2)))
+            yield self.still + index, np.concatenate([X[:, index].real, X[:, index].imag], axis=2)
             start += run.count
 
-    def sampled_state(self, _at: Values, /) -> SampledState | None:
+    def sampled_state(self, _nuisance_values: Values, /) -> SampledState | None:
         """The state whose derivative the candidates for the response are; by default there is none."""
         return None
 

@@ -44,12 +44,12 @@ def cross_fitted(
     parts = np.array_split(samples, BLOCKS)
     columns = np.column_stack([design, values])
     products = [design[part].T @ columns[part] for part in parts]
-    whole = np.sum(products, axis=0)
+    total = np.sum(products, axis=0)
     # each block reaches from the middle between its samples and those before to that of those after
-    edges = [0, *((before[-1] + after[0] + 1) // 2 for before, after in pairwise(parts))]
+    edges = [0, *((previous[-1] + following[0] + 1) // 2 for previous, following in pairwise(parts))]
     predicted = np.empty_like(values)
     for start, stop, excluded in zip(edges, [*edges[1:], values.shape[0]], products, strict=True):
-        normal, right = np.split(whole - excluded, [design.shape[1]], axis=1)
+        normal, right = np.split(total - excluded, [design.shape[1]], axis=1)
         shrunk = SHRINKAGE * normal[0, 0] * np.diag(np.arange(normal.shape[0]) > 0)
         predicted[start:stop] = design[start:stop] @ np.linalg.lstsq(normal + shrunk, right, rcond=None)[0]
     return predicted
@@ -79,41 +79,39 @@ def shared_noise(
         received = f"{signals.sample_count} samples, valid or not, and no row"
         raise TooFewSamplesError(expected, received, "Give a longer record, fewer lags, or fewer gaps.")
     shared = np.zeros((len(left), len(right)))
-    for i, j, item, other in _of_one_channel(left, right):
-        noise = _declared(item, signals)
-        if isinstance(noise, WhiteNoise) and not (item.gain_channel or other.gain_channel):
-            total, used = (noise.variance if item.lag == other.lag else 0.0), 1  # the same in every row
+    for i, j, a, b in _channel_pairs(left, right):
+        noise = _declared(a, signals)
+        if isinstance(noise, WhiteNoise) and not (a.gain_channel or b.gain_channel):
+            total, used = (noise.variance if a.lag == b.lag else 0.0), 1  # the same in every row
         else:
             total, used = 0.0, 0
             for start, stop in row_blocks(0, count, COPIED_ROWS):  # no series as long as the record is made
-                here = slice(start, stop)
-                growth = _growth(item, other, signals, first, here)
-                growth = growth if rows is None else growth[rows[here]]
+                block = slice(start, stop)
+                growth = _growth(a, b, signals, first, block)
+                growth = growth if rows is None else growth[rows[block]]
                 total += float(growth.sum())
                 used += growth.size
-        shared[i, j] = item.gain * other.gain * total / used
+        shared[i, j] = a.gain * b.gain * total / used
     return shared
 
 
-def _of_one_channel(
+def _channel_pairs(
     left: Sequence[Column], right: Sequence[Column]
 ) -> Iterator[tuple[int, int, Column, Column]]:
     """Places and columns of all pairs that are of one channel."""
-    for (i, item), (j, other) in product(enumerate(left), enumerate(right)):
-        if item.channel and item.channel == other.channel:
-            yield i, j, item, other
+    for (i, a), (j, b) in product(enumerate(left), enumerate(right)):
+        if a.channel and a.channel == b.channel:
+            yield i, j, a, b
 
 
-def _growth(
-    item: Column, other: Column, signals: Signals, first: int, here: slice
-) -> Float[np.ndarray, " rows"]:
-    """What the noises of two columns share in each of some rows, but for constant gains."""
-    lag = abs(item.lag - other.lag)
-    begin = signals.offset + first - max(item.lag, other.lag)
-    growth = signals.noise[item.channel].autocovariance(lag, begin + here.start, here.stop - here.start)
-    for column in (item, other):
+def _growth(a: Column, b: Column, signals: Signals, first: int, block: slice) -> Float[np.ndarray, " rows"]:
+    """Covariance of the noises of two columns in each of some rows, but for constant gains."""
+    lag = abs(a.lag - b.lag)
+    begin = signals.offset + first - max(a.lag, b.lag)
+    growth = signals.noise[a.channel].autocovariance(lag, begin + block.start, block.stop - block.start)
+    for column in (a, b):
         if column.gain_channel:
-            growth = growth * signals.channel(column.gain_channel)[first:][here]
+            growth = growth * signals.channel(column.gain_channel)[first:][block]
     return growth
 
 
@@ -121,11 +119,11 @@ def shared_noise_of_rows(
     left: Sequence[Column], right: Sequence[Column], signals: Signals, first: int
 ) -> dict[tuple[int, int], Float[np.ndarray, " rows"]]:
     """Covariance of the measurement noises of two sets of columns in every row from `first` on."""
-    whole = slice(0, max(signals.sample_count - first, 0))
+    block = slice(0, max(signals.sample_count - first, 0))
     return {
-        (i, j): item.gain * other.gain * _growth(item, other, signals, first, whole)
-        for i, j, item, other in _of_one_channel(left, right)
-        if not isinstance(_declared(item, signals), WhiteNoise) or item.lag == other.lag
+        (i, j): a.gain * b.gain * _growth(a, b, signals, first, block)
+        for i, j, a, b in _channel_pairs(left, right)
+        if not isinstance(_declared(a, signals), WhiteNoise) or a.lag == b.lag
     }
 
 
@@ -225,10 +223,10 @@ class SignalRegression(LinearProblem):
         self, columns: Sequence[Column], start: int, stop: int
     ) -> Float[np.ndarray, "rows columns"]:
         """Columns of the rows from sample `start` to `stop`, each contiguous in memory."""
-        every = self.samples_between(columns, start, stop)
+        samples = self.samples_between(columns, start, stop)
         if self.used is None:
-            return every
-        return every.T[:, self.used[start - self.first : stop - self.first]].T
+            return samples
+        return samples.T[:, self.used[start - self.first : stop - self.first]].T
 
     def samples_between(
         self, columns: Sequence[Column], start: int, stop: int
@@ -262,5 +260,5 @@ class SignalRegression(LinearProblem):
     def instruments_share_noise(self) -> bool:
         others = self.columns[self.instrument_count :]
         declared = {other.channel for other in others} & set(self.signals.noise)
-        left = [column for column in self.instrument_columns if column.channel in declared]
-        return bool(left) and bool(shared_noise(left, others, self.signals, self.first, self.used).any())
+        noisy = [column for column in self.instrument_columns if column.channel in declared]
+        return bool(noisy) and bool(shared_noise(noisy, others, self.signals, self.first, self.used).any())

@@ -60,13 +60,13 @@ class SpectralRun:
     @cached_property
     def taper(self) -> Float[np.ndarray, " length"]:
         """Cosine taper of both ends, and of both sides of samples that do not count."""
-        window = self._taper_of_ends
+        window = self._end_taper
         if self.counted is not None:
             window = window * _taper(self.counted, max(round(TAPER_S / self.step_s), 1))
         return window
 
     @property
-    def _taper_of_ends(self) -> Float[np.ndarray, " length"]:
+    def _end_taper(self) -> Float[np.ndarray, " length"]:
         edge = max(int(TAPER_SHARE * self.length), 1)
         window = np.ones(self.length)
         window[:edge] = 0.5 * (1.0 - np.cos(np.pi * (np.arange(edge) + 0.5) / edge))
@@ -79,25 +79,25 @@ class SpectralRun:
         if self.counted is None:
             return 1.0
         # a sum of products has the power of w^4 where bins by themselves have that of w^2
-        shares = [np.mean(w**2) ** 2 / np.mean(w**4) for w in (self.taper, self._taper_of_ends)]
+        shares = [np.mean(w**2) ** 2 / np.mean(w**4) for w in (self.taper, self._end_taper)]
         return float(shares[0] / shares[1])
 
     def spectrum(self, values: Float[np.ndarray, "length columns"]) -> Complex[np.ndarray, "bins columns"]:
         """Unitary real FFT of the tapered columns without mean and line, on the bins kept."""
-        (basis, of_basis), turns = self._trend, self._turns
+        (basis, basis_spectrum), turns = self._trend, self._turns
         spectra = np.zeros((values.shape[1], self.count), dtype=np.complex128)
         for k, column in enumerate(values.T):  # small arrays: new memory takes long
             if column[self.length // 2] or column.any():  # an equation of one axis of several has zeros
                 tapered = column * self.taper
                 parts = np.fft.rfft(tapered.reshape(-1, turns.shape[1]), axis=0)[self.bins]
                 np.einsum("kr,kr->k", parts, turns, out=spectra[k])
-                spectra[k] -= (tapered @ basis) @ of_basis
+                spectra[k] -= (tapered @ basis) @ basis_spectrum
         spectra /= np.sqrt(self.length)
         return spectra.T
 
     @cached_property
     def _turns(self) -> Complex[np.ndarray, "bins d"]:
-        """By what the bins of every d-th sample add up to those of all: short FFTs stay in a cache."""
+        """Phase factors that add up the bins of every d-th sample: short FFTs stay in a cache."""
         lengths = {d: self.length // d for d in range(1, MOST_PARTS + 1) if self.length % d == 0}
         parts = max(d for d, length in lengths.items() if self.bins.stop <= (length + 1) // 2)
         number = np.arange(self.bins.start, self.bins.stop)[:, None]
@@ -105,7 +105,7 @@ class SpectralRun:
 
     @cached_property
     def _trend(self) -> tuple[Float[np.ndarray, "length k"], Complex[np.ndarray, "k bins"]]:
-        """Orthonormal basis of what tapered columns lose, and its FFT on the bins kept."""
+        """Orthonormal basis of the tapered trend, and its FFT on the bins kept."""
         basis, _ = np.linalg.qr(trend(self.length, self.step_s) * self.taper[:, None])
         return basis, np.ascontiguousarray(np.fft.rfft(basis.T)[:, self.bins])
 
@@ -124,9 +124,9 @@ class SpectralRun:
         """Rows of the samples that count at their places in the run, and zeros between them."""
         if self.counted is None:
             return rows
-        whole = np.zeros((self.length, rows.shape[1]))
-        whole[self.counted] = rows
-        return whole
+        padded = np.zeros((self.length, rows.shape[1]))
+        padded[self.counted] = rows
+        return padded
 
     def band_passed(self, rows: Float[np.ndarray, "counted columns"]) -> Float[np.ndarray, "counted columns"]:
         """The part of such rows within the band."""
@@ -142,7 +142,7 @@ class SpectralRun:
 
     @property
     def smoothed_over(self) -> PerBin:
-        """How many bins `smoothed` takes the mean of."""
+        """Number of bins that `smoothed` averages over."""
         lower, upper = self._windows
         return (upper - lower).astype(np.float64)
 
@@ -155,7 +155,7 @@ class SpectralRun:
 
 
 def trend(length: int, step_s: float) -> Float[np.ndarray, "length k"]:
-    """What columns of a run lose: a constant, and from `LINE_S` on a line in time from -1 to 1."""
+    """Trend that columns of a run lose: a constant, and from `LINE_S` on a line in time from -1 to 1."""
     line = np.linspace(-1.0, 1.0, length)
     return np.column_stack([np.ones(length), line] if length * step_s >= LINE_S else [np.ones(length)])
 
@@ -166,8 +166,8 @@ def _taper(counted: Bool[np.ndarray, " length"], edge: int) -> Float[np.ndarray,
     last = np.maximum.accumulate(np.where(counted, -edge - 1, index))
     following = np.where(counted, counted.size + edge, index)
     following = np.minimum.accumulate(following[::-1])[::-1]
-    away = np.minimum(np.minimum(index - last, following - index), edge)
-    return np.asarray(0.5 * (1.0 - np.cos(np.pi * away / edge)))
+    distance = np.minimum(np.minimum(index - last, following - index), edge)
+    return np.asarray(0.5 * (1.0 - np.cos(np.pi * distance / edge)))
 
 
 #: Bins within that factor of a frequency are averaged for its density, and so many at least.
@@ -182,9 +182,9 @@ def densities(
     scales = [np.full(run.count, 2.0 * run.step_s / float(np.mean(run.taper**2))) for run in runs]
     values, results = np.concatenate(scales) * power, []
     for node in nodes_hz:
-        away = np.abs(np.log(frequency / node))
-        reach = max(np.log(AVERAGED_OVER) / 2.0, np.sort(away)[min(LEAST_BINS, away.size) - 1])
-        results.append(values[away <= reach].mean())
+        distances = np.abs(np.log(frequency / node))
+        radius = max(np.log(AVERAGED_OVER) / 2.0, np.sort(distances)[min(LEAST_BINS, distances.size) - 1])
+        results.append(values[distances <= radius].mean())
     return np.array(results)
 
 
@@ -241,12 +241,12 @@ class BinRows(RowLayout):
         self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
     ) -> Float[np.ndarray, "samples n"]:
         """Half the products of the time series: by Parseval they add up to ``test.T @ residual``."""
-        together: dict[tuple[int, int, int], np.ndarray] = {}
+        sums: dict[tuple[int, int, int], np.ndarray] = {}
         for run, tested, errors in self.series(test, residual[:, None]):
             time = (run.flight, run.start, run.length)
             scores = np.multiply(tested, 0.5 * errors, out=tested)
-            together[time] = together[time] + scores if time in together else scores
-        parts = list(together.values())
+            sums[time] = sums[time] + scores if time in sums else scores
+        parts = list(sums.values())
         return np.concatenate(parts) if len(parts) > 1 else parts[0]
 
 
@@ -268,8 +268,8 @@ class SpectralRegression:
         regression = Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, self.layout)
         if self.noisier is None:
             return regression
-        more = self.noisier().whitened(blend, power, instruments)
-        return replace(regression, regressor_noise=noise_of_surrogate(regression, more))
+        surrogate = self.noisier().whitened(blend, power, instruments)
+        return replace(regression, regressor_noise=noise_of_surrogate(regression, surrogate))
 
     def whitened_rows(self, blend: PerBin, power: PerBin) -> Float[np.ndarray, "rows n_plus_1"]:
         """Real rows of [y Phi], the responses blended; see `whitened`."""

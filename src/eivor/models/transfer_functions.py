@@ -121,10 +121,10 @@ class _Criterion:
         G, slope = self.response(names, theta)
         p, power = self.points, self.power(G)
         weight = 1.0 / np.sqrt(power)
-        left = (p.output - G * p.input) * weight
+        residual = (p.output - G * p.input) * weight
         change = 2.0 * (slope.conj() * (G * p.input_variance - p.covariance)[:, None]).real
-        J = -(p.input * weight)[:, None] * slope - (0.5 * left / power)[:, None] * change
-        return np.concatenate([left.real, left.imag]), np.concatenate([J.real, J.imag])
+        J = -(p.input * weight)[:, None] * slope - (0.5 * residual / power)[:, None] * change
+        return np.concatenate([residual.real, residual.imag]), np.concatenate([J.real, J.imag])
 
     def values(
         self, names: tuple[str, ...], drawn: Float[np.ndarray, "draws n"]
@@ -134,7 +134,7 @@ class _Criterion:
         return np.asarray(np.sum(np.abs(p.output - G * p.input) ** 2 / self.power(G), axis=1))
 
     def power(self, G: Complex[np.ndarray, "*models f"]) -> Float[np.ndarray, "*models f"]:
-        """Variance of the error of what responses leave."""
+        """Variance of the error of the residuals."""
         p = self.points
         crossed = 2.0 * (G.conj() * p.covariance).real
         return np.asarray(p.output_variance - crossed + np.abs(G) ** 2 * p.input_variance)
@@ -154,12 +154,12 @@ class _Criterion:
             scale = np.maximum(H.diagonal(), 1e-300)
             step = np.zeros(theta.size)
             step[moving] = -np.linalg.solve(H + damping * np.diag(scale), slope[moving])
-            tried = np.clip(theta + step, low, high)
-            new, new_J = self.residuals(names, tried)
-            new_value = float(new @ new)
-            if new_value < value:
-                change = value - new_value
-                theta, residual, J, value = tried, new, new_J, new_value
+            trial = np.clip(theta + step, low, high)
+            trial_residual, trial_J = self.residuals(names, trial)
+            trial_value = float(trial_residual @ trial_residual)
+            if trial_value < value:
+                change = value - trial_value
+                theta, residual, J, value = trial, trial_residual, trial_J, trial_value
                 damping = max(damping / 5.0, 1e-10)
                 if change < ENOUGH * max(value, 1.0):
                     break
@@ -172,7 +172,7 @@ class _Criterion:
 
 @dataclass(frozen=True)
 class _Minimum:
-    """Where the criterion of one order is least, and what that says of the parameters."""
+    """Minimum of the criterion of one order, with the intervals that follow."""
 
     criterion: _Criterion
     names: tuple[str, ...]
@@ -183,18 +183,18 @@ class _Minimum:
     def spread(self) -> float:
         """Variance of residuals over estimated ones, whose real and imaginary parts have one half each.
 
-        What the model leaves over widens it (Birge 1932).
+        A misfit of the model widens it (Birge 1932).
         """
         dof = float(np.mean(self.criterion.points.dof))
-        return 0.5 * (dof + 1.0) * max(1.0 / (dof - 1.0), 2.0 * self.value / (dof * self._left))
+        return 0.5 * (dof + 1.0) * max(1.0 / (dof - 1.0), 2.0 * self.value / (dof * self._dof))
 
     @property
-    def _left(self) -> int:
+    def _dof(self) -> int:
         return 2 * self.criterion.points.frequency_hz.size - len(self.names)
 
     def quantile(self, level: float) -> float:
-        """Half-width of an interval in standard errors, with the spread of what is left over."""
-        return float(scipy.special.stdtrit(max(self._left, 1), 0.5 + 0.5 * level))
+        """Half-width of an interval in standard errors, with the spread of the residuals."""
+        return float(scipy.special.stdtrit(max(self._dof, 1), 0.5 + 0.5 * level))
 
     def limit(self, level: float) -> float:
         """The criterion at the ends of an interval."""
@@ -218,8 +218,8 @@ class _Minimum:
         t = self.quantile(level)
         errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
         ends = {
-            name: (float(at - t * error), float(at + t * error))
-            for name, at, error in zip(names, best.tolist(), errors.tolist(), strict=True)
+            name: (float(value - t * error), float(value + t * error))
+            for name, value, error in zip(names, best.tolist(), errors.tolist(), strict=True)
         }
         for name in filter(names.__contains__, PROFILED):
             ends[name] = self._profile(self.limit(level), names.index(name))
@@ -257,9 +257,9 @@ class _Minimum:
                 trial = 0.5 * (inside + outside) if math.isfinite(outside) else inside + side * step
                 trial = min(max(trial, low), high)
                 for start in (theta + covariance[:, k] / covariance[k, k] * (trial - theta[k]), theta):
-                    moved = np.clip(start, lows, highs)
-                    moved[k] = trial
-                    refitted, value = self.criterion.fitted(names, moved, names[k])
+                    candidate = np.clip(start, lows, highs)
+                    candidate[k] = trial
+                    refitted, value = self.criterion.fitted(names, candidate, names[k])
                     if value <= limit:
                         break
                 if value > limit:
@@ -366,13 +366,13 @@ class TransferFunctions:
     @property
     def allowed(self) -> tuple[TransferFunction, ...]:
         """Models within 4 of the least AICc."""
-        return tuple(item for item in self.by_order.values() if item.aicc - self.chosen.aicc <= UNION)
+        return tuple(model for model in self.by_order.values() if model.aicc - self.chosen.aicc <= UNION)
 
     @cached_property
     def intervals(self) -> Mapping[str, tuple[float, float]]:
         """Union over the orders that the data allow, of lag, delay, damping and gain."""
         ends = {name: [model.intervals[name] for model in self.allowed] for name in SHARED}
-        return {name: (min(low for low, _ in of), max(high for _, high in of)) for name, of in ends.items()}
+        return {name: (min(low for low, _ in e), max(high for _, high in e)) for name, e in ends.items()}
 
 
 #: What models of every order have.
@@ -440,17 +440,17 @@ def transfer_functions(
     s = 2j * np.pi * points.frequency_hz
     criterion = _Criterion(points, s, known(s))
     unsmoothed = _Criterion(raw, s, known(s))
-    made: dict[int, TransferFunction] = {}
+    models: dict[int, TransferFunction] = {}
     for order in sorted(orders):
-        made[order] = _of_order(order, criterion, unsmoothed, made.get(order - 1), level, known)
-    return TransferFunctions(made, level)
+        models[order] = _fitted_order(order, criterion, unsmoothed, models.get(order - 1), level, known)
+    return TransferFunctions(models, level)
 
 
 def _independent(response: FrequencyResponse, band_hz: tuple[float, float]) -> tuple[Points, Points]:
     """Points that do not overlap, with smoothed variances of noise, and as they are."""
     if response.is_periodic:
         raw = response.points
-        kept = (raw.frequency_hz >= band_hz[0]) & (raw.frequency_hz <= band_hz[1])
+        used = (raw.frequency_hz >= band_hz[0]) & (raw.frequency_hz <= band_hz[1])
     else:
         longest = max(run.length_s for run in response.runs)
         resolution, grid = 1.0 / longest, []
@@ -469,18 +469,18 @@ def _independent(response: FrequencyResponse, band_hz: tuple[float, float]) -> t
         )
         if response.is_direct:
             raw = raw.with_known_input()
-        kept = np.isfinite(raw.output_variance)
-    if kept.sum() < FEWEST or raw.significance[kept].min() > 1e-3:
+        used = np.isfinite(raw.output_variance)
+    if used.sum() < FEWEST or raw.significance[used].min() > 1e-3:
         raise EstimationError(
             f"a reference that reaches {FEWEST} frequencies between {band_hz[0]:g} and {band_hz[1]:g} Hz",
-            f"{int(kept.sum())} frequencies, hardly moved by it",
+            f"{int(used.sum())} frequencies, hardly moved by it",
             "Fly a sweep over the band, or use a longer record.",
         )
-    raw = raw.kept(kept)
+    raw = raw.selected(used)
     return raw.smoothed(SMOOTHED), raw
 
 
-def _of_order(
+def _fitted_order(
     order: int,
     criterion: _Criterion,
     unsmoothed: _Criterion,
@@ -494,9 +494,9 @@ def _of_order(
     n, p = 2 * criterion.points.frequency_hz.size, len(names)
     chi_square = 2.0 * value * (dof - 1.0) / dof
     raw, _ = unsmoothed.fitted(names, best)
-    left, _ = unsmoothed.residuals(names, raw)
-    of_raw = float(np.mean(unsmoothed.points.dof))
-    test = 2.0 * float(left @ left) * (of_raw - 1.0) / of_raw
+    residual, _ = unsmoothed.residuals(names, raw)
+    raw_dof = float(np.mean(unsmoothed.points.dof))
+    test = 2.0 * float(residual @ residual) * (raw_dof - 1.0) / raw_dof
     return TransferFunction(
         order,
         dict(zip(names, best.tolist(), strict=True)),
@@ -536,7 +536,7 @@ def _search(
                 np.sum(weight * (model.conj() * p.output).real) / np.sum(weight * np.abs(model) ** 2)
             )
         fits.append(criterion.fitted(names, theta))
-    return min(fits, key=lambda pair: pair[1])
+    return min(fits, key=lambda fit: fit[1])
 
 
 @dataclass(frozen=True)
@@ -604,14 +604,14 @@ def loop_margins(loop: Response) -> Margins:
     return Margins(**{name: float(each[0]) for name, each in _margins(f, values[None], loop).items()})
 
 
-def checked_response(name: str, given: object) -> None:
+def checked_response(name: str, function: object) -> None:
     """Refuse what is no function from s to complex numbers."""
     remedy = "Give lambda s: 1.0 / (0.05 * s + 1.0), for example."
-    if not callable(given):
-        raise UsageError(f"a function of s for {name}", checks.described(given), remedy)
+    if not callable(function):
+        raise UsageError(f"a function of s for {name}", checks.described(function), remedy)
     s = 2j * np.pi * np.array([1.0, 2.0])
     try:
-        values = np.asarray(given(s), dtype=np.complex128)
+        values = np.asarray(function(s), dtype=np.complex128)
     except (TypeError, ValueError, ArithmeticError) as error:
         raise UsageError(f"a function of s for {name}", f"one that fails: {error}", remedy) from error
     if values.shape != s.shape:
@@ -625,7 +625,7 @@ def _margins(
     """Margins of loops by lines between their values; of a single one, refined on its function."""
     rows = np.arange(len(L))
 
-    def at(frequency: Float[np.ndarray, " loops"]) -> Complex[np.ndarray, " loops"]:
+    def response_at(frequency: Float[np.ndarray, " loops"]) -> Complex[np.ndarray, " loops"]:
         if exact is not None:
             return np.asarray(exact(2j * np.pi * frequency))
         k = np.clip(np.searchsorted(f, frequency), 1, f.size - 1)
@@ -633,24 +633,24 @@ def _margins(
         return np.asarray(L[rows, k - 1] * (L[rows, k] / L[rows, k - 1]) ** share)
 
     def crossing(
-        values: Float[np.ndarray, "loops f"], of: Callable[[Any], Any]
+        values: Float[np.ndarray, "loops f"], transform: Callable[[Any], Any]
     ) -> Float[np.ndarray, " loops"]:
-        """First frequencies at which values fall below zero; `of` gives them by values of the loop."""
+        """First frequencies at which values fall below zero; `transform` gives them by the loop."""
         fallen = (values[:, :-1] > 0.0) & (values[:, 1:] <= 0.0)
         k, known = fallen.argmax(axis=1), np.asarray(fallen.any(axis=1) & (values[:, 0] > 0.0))
-        before, after = values[rows, k], values[rows, k + 1]
-        share = np.where(known, before / np.where(known, before - after, 1.0), np.nan)
+        above, below = values[rows, k], values[rows, k + 1]
+        share = np.where(known, above / np.where(known, above - below, 1.0), np.nan)
         if exact is not None and known[0]:
             ends = float(f[k[0]]), float(f[k[0] + 1])
-            sides = [of(exact(2j * np.pi * np.array([end])))[0] for end in ends]
+            sides = [transform(exact(2j * np.pi * np.array([end])))[0] for end in ends]
             if sides[0] * sides[1] > 0.0:
                 return np.array([np.nan])
-            function = lambda x: float(of(exact(np.array([2j * np.pi * x])))[0])  # noqa: E731
+            function = lambda x: float(transform(exact(np.array([2j * np.pi * x])))[0])  # noqa: E731
             return np.array([scipy.optimize.brentq(function, *ends, xtol=1e-12, rtol=1e-13)])
         return np.asarray(f[k] * (f[k + 1] / f[k]) ** share)
 
-    def phase_falls(of: Callable[[Any], Any], angle: float) -> Float[np.ndarray, " loops"]:
-        return crossing(_phase(of(L)) - angle, lambda x: np.angle(of(x) * np.exp(-1j * angle)))
+    def phase_falls(transform: Callable[[Any], Any], angle: float) -> Float[np.ndarray, " loops"]:
+        return crossing(_phase(transform(L)) - angle, lambda x: np.angle(transform(x) * np.exp(-1j * angle)))
 
     def closed(x: Any) -> Any:
         return x / (1.0 + x)
@@ -661,11 +661,11 @@ def _margins(
     root = math.sqrt(2.0)
     return {
         "crossover_hz": crossover,
-        "phase_margin_deg": np.rad2deg(np.angle(-at(crossover))),
+        "phase_margin_deg": np.rad2deg(np.angle(-response_at(crossover))),
         "phase_crossover_hz": phase_crossover,
-        "gain_margin_db": -20.0 * np.log10(np.abs(at(phase_crossover))),
+        "gain_margin_db": -20.0 * np.log10(np.abs(response_at(phase_crossover))),
         "bandwidth_hz": phase_falls(closed, -0.5 * np.pi),
-        "phase_delay_s": -np.angle(-closed(at(twice))) / (4.0 * np.pi * half_turn),
+        "phase_delay_s": -np.angle(-closed(response_at(twice))) / (4.0 * np.pi * half_turn),
         "disturbance_bandwidth_hz": crossing(np.abs(1.0 + L) - root, lambda x: np.abs(1.0 + x) - root),
     }
 
@@ -716,7 +716,7 @@ def margin_intervals(
         columns = dict(zip(model.parameters, model._minimum.edge(of.level).T[:, :, None], strict=True))
         loops = _responses(columns, s, model.known(s)) * controller(s)  # type: ignore[misc]
         ends.append({name: _ends(values) for name, values in _margins(f, loops).items()})
-    lows, highs = ({name: [each[name][end] for each in ends] for name in ends[0]} for end in (0, 1))
+    lows, highs = ({name: [margins[name][end] for margins in ends] for name in ends[0]} for end in (0, 1))
     return {name: (float(np.fmin.reduce(lows[name])), float(np.fmax.reduce(highs[name]))) for name in lows}
 
 
@@ -734,9 +734,9 @@ def measured_margins(loop: FrequencyResponse) -> dict[str, tuple[float, float, f
     }
 
 
-def _ends(values: Float[np.ndarray, " loops"], least: float = 0.75) -> tuple[float, float]:
+def _ends(values: Float[np.ndarray, " loops"], least_share: float = 0.75) -> tuple[float, float]:
     known = values[np.isfinite(values)]
-    enough = known.size >= least * values.size
+    enough = known.size >= least_share * values.size
     return (float(known.min()), float(known.max())) if enough else (math.nan, math.nan)
 
 
@@ -762,24 +762,24 @@ def proposed_controllers(models: TransferFunctions) -> tuple[Controller, ...]:
     checks.kind("models", models, TransferFunctions, "models of a response", remedy)
     model = models.chosen
     slow = 2j * np.pi * np.array([0.1])
-    late = model.parameters["delay"] + model.lag_s - float(np.angle(model.known(slow))[0] / slow.imag[0])
-    if late <= 0.0:
+    lag = model.parameters["delay"] + model.lag_s - float(np.angle(model.known(slow))[0] / slow.imag[0])
+    if lag <= 0.0:
         return ()
-    gain, integral = 0.5 / (model.parameters["gain"] * late), 8.0 * late
+    gain, integral = 0.5 / (model.parameters["gain"] * lag), 8.0 * lag
     gains = [("SIMC", gain)]
     f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
     loop = model.response(f) * (1.0 + 1.0 / (2j * np.pi * f * integral)) * np.sign(gain)
-    over = _phase(loop[None])[0] + np.pi - math.radians(PHASE_MARGIN_DEG)
-    if (over > 0.0).any():  # the highest frequency that leaves so much
-        last = int(np.flatnonzero(over > 0.0)[-1])
+    excess_phase = _phase(loop[None])[0] + np.pi - math.radians(PHASE_MARGIN_DEG)
+    if (excess_phase > 0.0).any():  # the highest frequency that leaves so much
+        last = int(np.flatnonzero(excess_phase > 0.0)[-1])
         gains.append((f"phase margin {PHASE_MARGIN_DEG:g} deg", math.copysign(1.0 / abs(loop[last]), gain)))
-    made = []
+    controllers = []
     for name, size in gains:
         tried = Controller(name, size, integral, Margins(*[math.nan] * 7), {})
 
-        def whole(s: Spectrum, tried: Controller = tried) -> Spectrum:
+        def broken_loop(s: Spectrum, tried: Controller = tried) -> Spectrum:
             return np.asarray(model.response(s.imag / (2.0 * np.pi)) * tried.response(s))
 
         intervals = margin_intervals(models, tried.response)
-        made.append(replace(tried, margins=loop_margins(whole), intervals=intervals))
-    return tuple(made)
+        controllers.append(replace(tried, margins=loop_margins(broken_loop), intervals=intervals))
+    return tuple(controllers)

@@ -746,7 +746,7 @@ def _intercept(problem: LaggedRuns, estimate: Estimate, axis: int, term: Term) -
     residuals, regressors, theta = [], [], estimate.theta
     for item in problem.columns:
         if item.axis == axis:
-            rows = item.whole(estimate.nuisances, theta.size)
+            rows = item.all_columns(estimate.nuisances, theta.size)
             residuals += item.cut(item.responses[:, -1] - rows @ theta)
             regressors += item.cut(rows)
     series, per = np.concatenate(residuals), float(term.expression.evaluate({}))

@@ -44,14 +44,14 @@ def actuator_state(
             for part in parts.tolist()
         ]
         return (parts[0] * states[0] - parts[1] * states[1]) / (parts[0] - parts[1])
-    whole = int(np.floor(delay_s / step_s + 1e-9))
-    fraction = max(delay_s / step_s - whole, 0.0)
+    steps = int(np.floor(delay_s / step_s + 1e-9))
+    fraction = max(delay_s / step_s - steps, 0.0)
     decay = np.exp(-step_s / lag_s)
     tail = np.exp(-(1.0 - fraction) * step_s / lag_s)
     start = command[0]
     state: Rotors = np.zeros(command.shape, order="F")
-    driven = state[whole + 1 :]
-    np.subtract(command[: -whole - 1], start, out=driven)
+    driven = state[steps + 1 :]
+    np.subtract(command[: -steps - 1], start, out=driven)
     further = (tail - decay) * driven[:-1] if tail != decay else None
     driven *= 1.0 - tail
     if further is not None:
@@ -65,23 +65,23 @@ def actuator_state(
     state += start
     if asymmetry:
         lengths = np.array([fraction, 1.0 - fraction]) * step_s
-        return _uneven_state(command, state, lengths / lag_s, whole, asymmetry)
+        return _uneven_state(command, state, lengths / lag_s, steps, asymmetry)
     return state
 
 
 def _uneven_state(
-    command: Rotors, state: Rotors, lengths: Float[np.ndarray, "2"], whole: int, asymmetry: float
+    command: Rotors, state: Rotors, lengths: Float[np.ndarray, "2"], steps: int, asymmetry: float
 ) -> Rotors:
     """The same with two lags, from the state with their mean; lengths are the parts of a step in lags."""
     # a held command is approached from one side: with the sides known, states follow from a linear system
-    index = np.maximum(np.arange(-1, command.shape[0] - 1) - whole, 0)
+    index = np.maximum(np.arange(-1, command.shape[0] - 1) - steps, 0)
     decays = np.exp(-np.outer(lengths, [1.0 + asymmetry, 1.0 - asymmetry])).tolist()
     band = np.ones((2, command.shape[0]), order="F")
     for rotor, logged in enumerate(command.T):  # what a pass makes of a rotor stays in the processor's cache
-        late, of_rotor, last = logged[index], state[:, rotor], np.empty(0)
+        late, rotor_state, last = logged[index], state[:, rotor], np.empty(0)
         early = np.concatenate([late[:1], late[:-1]])
         for _ in range(MOST_PASSES):
-            above = np.concatenate([of_rotor[:1], of_rotor[:-1]]) - early
+            above = np.concatenate([rotor_state[:1], rotor_state[:-1]]) - early
             first = np.where(above < 0.0, *decays[0])
             second = np.where(late > early + above * first, *decays[1])
             decay = first * second
@@ -90,17 +90,17 @@ def _uneven_state(
             last, driven = decay, (1.0 - first) * second * early + (1.0 - second) * late
             driven[0], band[1, :-1] = logged[0], -decay[1:]
             columns = driven[:, None]
-            of_rotor = scipy.linalg.lapack.dtbtrs(band, columns, uplo="L", diag="U", overwrite_b=True)[0][
+            rotor_state = scipy.linalg.lapack.dtbtrs(band, columns, uplo="L", diag="U", overwrite_b=True)[0][
                 :, 0
             ]
-        state[:, rotor] = of_rotor
+        state[:, rotor] = rotor_state
     return state
 
 
 def shifted_by(values: Columns, *, step_s: float, delay_s: float) -> Columns:
     """Sampled values so much later; earlier for a negative delay."""
-    whole = int(np.floor(delay_s / step_s))
-    f = delay_s / step_s - whole
+    steps = int(np.floor(delay_s / step_s))
+    f = delay_s / step_s - steps
     # Lagrange's weights for the value between samples -1 and 0, of samples -2, -1, 0, 1 from there
     weights = (
         f * (1.0 + f) * (f - 1.0) / 6.0,
@@ -109,7 +109,7 @@ def shifted_by(values: Columns, *, step_s: float, delay_s: float) -> Columns:
         f * (f - 1.0) * (2.0 - f) / 6.0,
     )
     count = values.shape[0]
-    around = values.T[:, np.clip(np.arange(-2, count + 1) - whole, 0, count - 1)]
+    around = values.T[:, np.clip(np.arange(-2, count + 1) - steps, 0, count - 1)]
     return np.array([np.correlate(column, weights, "valid") for column in around] if f else around[:, 2:-1]).T
 
 
@@ -144,9 +144,9 @@ def filtered(weights: Float[np.ndarray, " m"], values: Series) -> Series:
     return np.asarray(np.fft.irfft(spectrum, length)[:count])
 
 
-def in_a_row(first: Float[np.ndarray, " m"], other: Float[np.ndarray, " k"]) -> Series:
+def cascaded(first: Float[np.ndarray, " m"], second: Float[np.ndarray, " k"]) -> Series:
     """Weights of two filters in a row, as many as the longer one has. Performs no checks."""
-    longer, shorter = (first, other) if first.size >= other.size else (other, first)
+    longer, shorter = (first, second) if first.size >= second.size else (second, first)
     return filtered(shorter, longer)
 
 
@@ -161,9 +161,9 @@ def reciprocal(weights: Series) -> Series:
         count = min(2 * first_weights.size, weights.size)
         padded = np.zeros(count)
         padded[: first_weights.size] = first_weights
-        left = -filtered(weights[:count], padded)
-        left[: first_weights.size] = 0.0  # right but for rounding: 1, 0, 0, ...
-        first_weights = padded + filtered(padded, left)
+        residual = -filtered(weights[:count], padded)
+        residual[: first_weights.size] = 0.0  # right but for rounding: 1, 0, 0, ...
+        first_weights = padded + filtered(padded, residual)
     return first_weights
 
 
@@ -174,10 +174,10 @@ WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)
 def time_derivative(values: Series, step_s: float) -> Series:
     """Derivative of a series by central differences of seven samples; of fewer near its ends."""
     derivative: Series = np.gradient(values, step_s)
-    reach = len(WEIGHTS)
-    if values.size > 2 * reach:
+    half = len(WEIGHTS)
+    if values.size > 2 * half:
         weights = np.array([-weight for weight in reversed(WEIGHTS)] + [0.0, *WEIGHTS])
-        derivative[reach:-reach] = np.correlate(values, weights, "valid") / step_s
+        derivative[half:-half] = np.correlate(values, weights, "valid") / step_s
     return derivative
 
 
@@ -200,10 +200,10 @@ def low_passed(values: Columns, *, step_s: float, cutoff_hz: float) -> Columns:
     first, second = -2.0 * np.exp(-s * step_s) * np.cos(s * step_s), np.exp(-2.0 * s * step_s)
     bends = np.diff([0.0, 0.0, *ramp], 2) / step_s
     start = values[0]
-    moved = values - start
-    driven = np.zeros(moved.shape, order="F")
+    deviation = values - start
+    driven = np.zeros(deviation.shape, order="F")
     for late, weight in enumerate(np.convolve([1.0, first, second], bends)[:3]):
-        driven[late:] += weight * moved[: moved.shape[0] - late]
+        driven[late:] += weight * deviation[: deviation.shape[0] - late]
     band = np.empty((3, values.shape[0]), order="F")
     band[0], band[1], band[2] = 1.0, first, second
     filtered: Columns = scipy.linalg.lapack.dtbtrs(band, driven, uplo="L", diag="U", overwrite_b=True)[0]
@@ -251,7 +251,7 @@ def _on_lines(time_s: Series) -> Series:
     high = np.minimum(np.arange(count) + REACH + 1, count)
     # against numbers from the sample itself on, and times from those of an even clock: small sums
     even = time_s[0] + number * (time_s[-1] - time_s[0]) / (count - 1)
-    away = time_s - even
+    deviation = time_s - even
     width = high - low
 
     def window(values: Series) -> Series:
@@ -260,8 +260,8 @@ def _on_lines(time_s: Series) -> Series:
 
     middle = window(number) / width
     spread = window(number**2) - width * middle**2
-    mean = window(away) / width
-    slope = (window(number * away) - width * middle * mean) / spread
+    mean = window(deviation) / width
+    slope = (window(number * deviation) - width * middle * mean) / spread
     return np.asarray(even + mean + slope * (number - middle))
 
 
@@ -278,9 +278,9 @@ def rate_limited(
     block = max(int(CAUGHT_UP_S / max(float(np.median(step)), 1e-6)), 1)
     # each block begins a block earlier
     rows = (np.arange(-block, block)[:, None] + np.arange(0, values.size, block)).clip(0, values.size - 1)
-    at, most = values[rows], step[rows][:, None] * limits[:, None]
-    state, results = np.broadcast_to(at[0], most.shape[1:]), np.empty(most.shape)
+    inputs, steps = values[rows], step[rows][:, None] * limits[:, None]
+    state, results = np.broadcast_to(inputs[0], steps.shape[1:]), np.empty(steps.shape)
     for k in range(2 * block):
-        np.maximum(at[k], state - most[k], out=results[k])
-        state = np.minimum(results[k], state + most[k], out=results[k])
+        np.maximum(inputs[k], state - steps[k], out=results[k])
+        state = np.minimum(results[k], state + steps[k], out=results[k])
     return results[block:].transpose(1, 2, 0).reshape(limits.size, rows.shape[1] * block)[:, : values.size]

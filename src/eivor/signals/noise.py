@@ -362,14 +362,14 @@ def estimate_long_memory(values: Float[np.ndarray, " n"], *, bandwidth: int | No
     if not np.isfinite(values).all():
         remedy = "Cut the record to a stretch without gaps."
         raise NonFiniteError("a record of finite values", "NaN or infinity in it", remedy)
-    most = (values.size - 1) // 2
-    if most < LEAST_BANDWIDTH:
+    last = (values.size - 1) // 2
+    if last < LEAST_BANDWIDTH:
         expected = f"{2 * LEAST_BANDWIDTH + 1} samples or more"
         raise TooFewSamplesError(expected, f"{values.size}", "Record the machine at rest for longer.")
     m = max(LEAST_BANDWIDTH, int(values.size**BANDWIDTH_EXPONENT)) if bandwidth is None else bandwidth
-    if not LEAST_BANDWIDTH <= m <= most:
+    if not LEAST_BANDWIDTH <= m <= last:
         raise ParameterError(
-            f"a bandwidth from {LEAST_BANDWIDTH} to {most} frequencies", f"bandwidth={m}", "Choose another."
+            f"a bandwidth from {LEAST_BANDWIDTH} to {last} frequencies", f"bandwidth={m}", "Choose another."
         )
     power = np.abs(np.fft.rfft(values - values.mean())[1 : m + 1]) ** 2 / values.size
     if not power.max() > (np.finfo(np.float64).eps * np.abs(values).max()) ** 2:
@@ -389,10 +389,10 @@ def _whittle(power: Float[np.ndarray, " m"], log_gain: Float[np.ndarray, " m"]) 
         weights /= weights.sum()
         slope = float(weights @ nu)
         low, high = (order, high) if slope > 0.0 else (low, order)
-        before, order = order, order + 0.5 * slope / max(float(weights @ (nu - slope) ** 2), TINY)
+        previous, order = order, order + 0.5 * slope / max(float(weights @ (nu - slope) ** 2), TINY)
         if not low <= order <= high:
             order = 0.5 * (low + high)
-        if abs(order - before) <= CONVERGED:
+        if abs(order - previous) <= CONVERGED:
             break
     scaled = log_power - 2.0 * order * log_gain
     top = float(scaled.max())

@@ -44,13 +44,13 @@ class Swing:
 
     @property
     def extent(self) -> str:
-        """By how much it varies, in words."""
+        """Amplitude and unit, in words."""
         return f"±{self.amplitude:.2g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True)
 class Periodicity(Diagnostic):
-    """Whether the parameters, or what is left over, vary periodically."""
+    """Whether the parameters, or the residual, vary periodically."""
 
     parameters: tuple[Swing, ...]
     left_over: tuple[Swing, ...]
@@ -73,7 +73,7 @@ class Periodicity(Diagnostic):
 
     @property
     def strongest(self) -> Swing:
-        """What varies: the one of the smallest p-value."""
+        """Swing of the smallest p-value."""
         first = min(self.tested, key=lambda item: item.p_value)
         if first in self.parameters:
             return first
@@ -82,31 +82,31 @@ class Periodicity(Diagnostic):
 
     @property
     def biased(self) -> Swing | None:
-        """Parameter with a line at twice the frequency of what is left over, where an input has one, too."""
+        """Parameter with a line at twice the frequency of the residual's, where an input has one, too."""
         doubled = self._parameters_at(2.0, self._significant(self.left_over))
         return min(doubled, key=lambda item: item.p_value, default=None)
 
     def _significant(self, swings: Sequence[Swing]) -> list[Swing]:
         return [item for item in swings if item.p_value * len(self.tested) < SIGNIFICANT]
 
-    def _parameters_at(self, multiple: float, of: Sequence[Swing]) -> list[Swing]:
+    def _parameters_at(self, multiple: float, swings: Sequence[Swing]) -> list[Swing]:
         """Parameters with a line at a multiple of the frequency of some swing."""
         return [
             parameter
             for parameter in self._significant(self.parameters)
-            for item in of
-            if abs(1.0 / parameter.period - multiple / item.period) <= multiple * self.resolution
+            for swing in swings
+            if abs(1.0 / parameter.period - multiple / swing.period) <= multiple * self.resolution
         ]
 
-    def rows(self, _of: Subject, /) -> Iterator[Row]:
+    def rows(self, _subject: Subject, /) -> Iterator[Row]:
         likely = f"p-value {self.p_value:.3g}, most likely {self.strongest.of} by {self.strongest.extent}"
         line = f"period               {self.strongest.period:>10.4g}  {self.time_unit}, {likely}"
         yield Row("periodicity", "", float(len(self.tested)), self.p_value, line)
-        for item in self.tested:
-            yield Row("period", item.of, item.period, item.p_value)
-            yield Row("swing", item.of, item.amplitude, item.p_value)
+        for swing in self.tested:
+            yield Row("period", swing.of, swing.period, swing.p_value)
+            yield Row("swing", swing.of, swing.amplitude, swing.p_value)
 
-    def reasons(self, _of: Subject, /) -> Iterator[Reason]:
+    def reasons(self, _subject: Subject, /) -> Iterator[Reason]:
         if not self.speaks:
             return
         strongest = self.strongest
@@ -142,7 +142,7 @@ class BlockSums(msgspec.Struct, frozen=True):
 
 
 def block_sums(sums: Blocks, counts: PerBlock, times: PerRow | None, step: float) -> BlockSums:
-    """Sums that are made, with the times that they are of."""
+    """Sums with the mean times of their blocks."""
     first = np.concatenate([[0.0], np.cumsum(counts)[:-1]])
     if times is None:
         span = step * float(counts.sum())
@@ -161,32 +161,33 @@ def blocks_of(series: PerRow, times: PerRow | None, step: float, blocks: int) ->
 
 
 def strongest_swings(
-    of: BlockSums, named: Sequence[tuple[str, str]], weight: float = 1.0
+    blocks: BlockSums, named: Sequence[tuple[str, str]], weight: float = 1.0
 ) -> tuple[Swing, ...]:
     """Strongest line of each series; none for fewer than 32 blocks. Performs no checks."""
-    if of.times.size < LEAST_BLOCKS:
+    if blocks.times.size < LEAST_BLOCKS:
         return ()
     # up to the ordinates around the highest frequency; waves are powers of the first, and of one further on
-    cycles = STEPS * of.span / of.block
+    cycles = STEPS * blocks.span / blocks.block
     last = min(int(0.5 * cycles), int(cycles / BLOCKS_PER_CYCLE) + STEPS * (NEAREST + ORDINATES))
     number = np.arange(STEPS // 2, last + 1)
-    frequency, turn = number / (STEPS * of.span), -2j * np.pi * (of.times - of.times[0]) / (STEPS * of.span)
+    span = STEPS * blocks.span
+    frequency, turn = number / span, -2j * np.pi * (blocks.times - blocks.times[0]) / span
     first, step, further = np.exp(np.outer([STEPS // 2, 1, TURNED], turn))
-    series = first[:, None] * (of.sums - of.sums.mean(axis=0))
+    series = first[:, None] * (blocks.sums - blocks.sums.mean(axis=0))
     turned = np.vander(step, TURNED, increasing=True)[:, :, None] * series[:, None]
     waves = np.vander(further, -(-number.size // TURNED), increasing=True).T
-    spectrum = (waves @ turned.reshape(len(turned), -1)).reshape(-1, of.sums.shape[1])[: number.size]
+    spectrum = (waves @ turned.reshape(len(turned), -1)).reshape(-1, blocks.sums.shape[1])[: number.size]
     power = np.abs(spectrum) ** 2
-    highest = 1.0 / (BLOCKS_PER_CYCLE * of.block)
-    indices = np.flatnonzero((frequency >= (LEAST_CYCLES - 1e-9) / of.span) & (frequency <= highest))
+    highest = 1.0 / (BLOCKS_PER_CYCLE * blocks.block)
+    indices = np.flatnonzero((frequency >= (LEAST_CYCLES - 1e-9) / blocks.span) & (frequency <= highest))
     if not indices.size:
         return ()
     # tail of the power at each place, held against the ordinates around it, for each series
     first, count, edge = int(indices[0]), indices.size, STEPS * (NEAREST + ORDINATES)
     padded = np.zeros((len(power) + 2 * edge, power.shape[1] + 1))  # its last column counts ordinates
     padded[edge:-edge, :-1], padded[edge:-edge, -1] = power, 1.0
-    away = STEPS * np.arange(NEAREST, NEAREST + ORDINATES)
-    starts = (first + edge + np.concatenate([-away, away])).tolist()
+    distances = STEPS * np.arange(NEAREST, NEAREST + ORDINATES)
+    starts = (first + edge + np.concatenate([-distances, distances])).tolist()
     neighbours, ordinates = np.split(sum(padded[start : start + count] for start in starts), [-1], axis=1)
     ratio = np.divide(power[indices], neighbours, out=np.zeros_like(neighbours), where=neighbours > 0.0)
     tails = (1.0 + ratio) ** -ordinates
@@ -194,9 +195,9 @@ def strongest_swings(
     for series, (name, unit) in enumerate(named):
         best = int(np.argmin(tails[:, series]))
         position = indices[best]
-        angle = math.pi * float(frequency[position]) * of.block
-        left = math.sin(angle) / angle  # what the mean over a block leaves of the line
-        amplitude = 2.0 * weight * float(abs(spectrum[position, series])) / left
+        angle = math.pi * float(frequency[position]) * blocks.block
+        attenuation = math.sin(angle) / angle  # of the line, by the mean over a block
+        amplitude = 2.0 * weight * float(abs(spectrum[position, series])) / attenuation
         tail = min(1.0, indices.size * float(tails[best, series]))
         results.append(Swing(name, unit, float(1.0 / frequency[position]), amplitude, tail))
     return tuple(results)
@@ -234,16 +235,16 @@ class Information(Diagnostic):
         text = " ".join(f"{'-' if v[j] < 0.0 else '+'} {abs(v[j]):.2f} {names[j]}" for j in js)
         return text.removeprefix("+ ")
 
-    def rows(self, of: Subject, /) -> Iterator[Row]:
-        line = f"information          {self.condition:>10.4g}  condition; worst: {self.worst(of.names)}"
+    def rows(self, subject: Subject, /) -> Iterator[Row]:
+        line = f"information          {self.condition:>10.4g}  condition; worst: {self.worst(subject.names)}"
         yield Row("information_condition", "", self.condition, None, line)
 
-    def reasons(self, of: Subject, /) -> Iterator[Reason]:
+    def reasons(self, subject: Subject, /) -> Iterator[Reason]:
         if self.condition > BADLY_CONDITIONED:
             yield Reason(
                 Status.WEAK,
                 f"One combination of the parameters is determined {np.sqrt(self.condition):.0f} times "
-                f"worse than another: {self.worst(of.names)}, each in units of its column's rms.",
+                f"worse than another: {self.worst(subject.names)}, each in units of its column's rms.",
                 "Excite them apart from each other, or fix one of them.",
             )
 
@@ -258,8 +259,8 @@ class BandPower(Diagnostic):
     residual_power: Float[np.ndarray, " bands"]
     share_above: Float[np.ndarray, " n"]
 
-    def rows(self, of: Subject, /) -> Iterator[Row]:
-        linear = of.names[: self.share_above.size]
+    def rows(self, subject: Subject, /) -> Iterator[Row]:
+        linear = subject.names[: self.share_above.size]
         for name, share in zip(linear, self.share_above, strict=True):
             if not math.isnan(share):
                 line = f"power above residual {share:>10.0%}  {name}"
@@ -269,8 +270,8 @@ class BandPower(Diagnostic):
                 power, residual = float(self.input_power[b, j]), float(self.residual_power[b])
                 yield Row("band_power", f"{name}, {low:.3g} to {high:.3g} Hz", power, residual)
 
-    def reasons(self, of: Subject, /) -> Iterator[Reason]:
-        for name, share in zip(of.names, self.share_above, strict=False):
+    def reasons(self, subject: Subject, /) -> Iterator[Reason]:
+        for name, share in zip(subject.names, self.share_above, strict=False):
             if share < 0.5:
                 yield Reason(
                     Status.IDENTIFIED,

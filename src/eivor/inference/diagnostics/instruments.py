@@ -38,20 +38,20 @@ class Endogeneity(record.Diagnostic):
         """Whether a bias of least squares, in standard errors of the estimate, is worth a word."""
         return bool(self.p_value < record.SIGNIFICANT and abs(bias) > NOTABLE_BIAS)
 
-    def rows(self, of: record.Subject, /) -> Iterator[record.Row]:
+    def rows(self, subject: record.Subject, /) -> Iterator[record.Row]:
         line = f"endogeneity          {self.statistic:>10.4g}  p-value {self.p_value:.3g}"
         yield record.Row("endogeneity", "", self.statistic, self.p_value, line)
-        for name, value in zip(of.names, self.difference, strict=True):
+        for name, value in zip(subject.names, self.difference, strict=True):
             yield record.Row("less_least_squares", name, float(value), None)
 
-    def reasons(self, of: record.Subject, /) -> Iterator[Reason]:
-        separated = -self.difference / of.std_errors
+    def reasons(self, subject: record.Subject, /) -> Iterator[Reason]:
+        separated = -self.difference / subject.std_errors
         j = int(np.argmax(np.abs(separated)))
         if self.notable(separated[j]):
             yield Reason(
                 Status.IDENTIFIED,
-                f"Least squares would be biased here: {of.names[j]} by {separated[j]:+.1f} standard errors "
-                f"(p-value {self.p_value:.1g}).",
+                f"Least squares would be biased here: {subject.names[j]} by {separated[j]:+.1f} standard "
+                f"errors (p-value {self.p_value:.1g}).",
                 "Keep the instruments.",
             )
 
@@ -77,8 +77,8 @@ def endogeneity(
     if direct is None:
         total = products.count * products.mean[products.tested : -1, -1]
         gamma = np.linalg.lstsq(GG, scale * total, rcond=None)[0]
-        nothing = np.zeros(gamma.size)
-        direct = DirectScores(gamma * scale, nothing, nothing, GG / square)
+        zero = np.zeros(gamma.size)
+        direct = DirectScores(gamma * scale, zero, zero, GG / square)
     gamma, H = direct.difference / scale, square * direct.sensitivity
     weights = weights * unit_scale((weights * (products.instrument_mean @ weights)).sum(axis=0))
     M = products.count * weights.T @ products.sensitivity * scale
@@ -86,9 +86,9 @@ def endogeneity(
     residual = np.append(-direct.difference, 1.0)  # of the direct estimate, as a combination of [G e]
     h = (products.equations @ residual) @ weights
     h += products.counts[:, None] * ((products.constant + products.shared @ direct.difference) @ weights)
-    left = products.columns @ residual
-    power = left @ residual
-    s = left[:, :-1] + power[:, None] * direct.pull + products.counts[:, None] * direct.constant
+    columns = products.columns @ residual
+    power = columns @ residual
+    s = columns[:, :-1] + power[:, None] * direct.pull + products.counts[:, None] * direct.constant
     h -= (scale * s) @ D
     PG = (products.count * weights.T @ products.mean[: products.tested, products.tested : -1]) * scale
     spread = products.count * weights.T @ products.instrument_mean @ weights
@@ -130,12 +130,12 @@ class OverIdentification(record.Diagnostic):
     def outcome(self) -> str:
         return record.outcome_word(self.p_value, ("agree", "may disagree", "disagree"))
 
-    def rows(self, _of: record.Subject, /) -> Iterator[record.Row]:
+    def rows(self, _subject: record.Subject, /) -> Iterator[record.Row]:
         on = f"Hansen's J on {self.degrees:.3g} degrees, p-value {self.p_value:.3g}"
         line = f"over-identification  {self.J:>10.4g}  {on}"
         yield record.Row("over_identification_J", "", self.J, self.p_value, line)
 
-    def reasons(self, _of: record.Subject, /) -> Iterator[Reason]:
+    def reasons(self, _subject: record.Subject, /) -> Iterator[Reason]:
         if self.p_value < record.SIGNIFICANT:
             yield Reason(
                 Status.WEAK,
@@ -160,9 +160,9 @@ def hansen_j(
     degrees = free.shape[1]
     if not degrees:
         return OverIdentification(0.0, 0, 1.0)
-    left = free.T @ (scale * equations)
+    residual = free.T @ (scale * equations)
     S = free.T @ (scale[:, None] * covariance * scale) @ free
-    J = count * record.quadratic_form(left, S)
+    J = count * record.quadratic_form(residual, S)
     return OverIdentification(J, degrees, record.hotelling_p_value(J, degrees, averages))
 
 
@@ -198,8 +198,8 @@ class FirstStageTest(record.Diagnostic):
     smallest_eigenvalue: float
     smallest_critical: float
 
-    def rows(self, of: record.Subject, /) -> Iterator[record.Row]:
-        for j, name in enumerate(of.names):
+    def rows(self, subject: record.Subject, /) -> Iterator[record.Row]:
+        for j, name in enumerate(subject.names):
             F, effective, critical = (
                 float(values[j]) for values in (self.conditional, self.effective, self.critical)
             )
@@ -208,20 +208,20 @@ class FirstStageTest(record.Diagnostic):
             line = f"effective F          {effective:>10.4g}  {name} (needed: {critical:.3g})"
             yield record.Row("effective_F", name, effective, critical, line)
             yield record.Row("shea_r_squared", name, float(self.shea_r_squared[j]), None)
-        least, needed = self.smallest_eigenvalue, self.smallest_critical
-        line = f"smallest eigenvalue  {least:>10.4g}  needed: {needed:.3g}"
-        yield record.Row("smallest_eigenvalue", "", least, needed, line)
+        smallest, needed = self.smallest_eigenvalue, self.smallest_critical
+        line = f"smallest eigenvalue  {smallest:>10.4g}  needed: {needed:.3g}"
+        yield record.Row("smallest_eigenvalue", "", smallest, needed, line)
         yield record.Row("cragg_donald", "", self.cragg_donald, None)
 
-    def reasons(self, of: record.Subject, /) -> Iterator[Reason]:
+    def reasons(self, subject: record.Subject, /) -> Iterator[Reason]:
         remedy = "Use stronger or more recent instruments, a longer record, or an input that moves more."
         needed = np.where(np.isfinite(self.critical), self.critical, STRONG_FIRST_STAGE)
         weak = np.flatnonzero(self.effective < needed)
         for j in weak:
             yield Reason(
                 Status.WEAK,
-                f"The instruments hardly move the regressor of {of.names[j]} once the others are accounted "
-                f"for. Effective F is {self.effective[j]:.3g}, and {needed[j]:.3g} is needed for "
+                f"The instruments hardly move the regressor of {subject.names[j]} once the others are "
+                f"accounted for. Effective F is {self.effective[j]:.3g}, and {needed[j]:.3g} is needed for "
                 "a bias below a tenth of its worst.",
                 remedy,
             )
@@ -245,8 +245,8 @@ def strength(
     R = scale[:, None] * products.regressor_mean * scale
     rank, count = a.shape
     if rank < count:  # some combination of the columns is not moved at all
-        nothing, unknown = np.zeros(count), np.full(count, np.nan)
-        return FirstStageTest(nothing, nothing, unknown, nothing, nothing, 0.0, 0.0, float("nan"))
+        zero, unknown = np.zeros(count), np.full(count, np.nan)
+        return FirstStageTest(zero, zero, unknown, zero, zero, 0.0, 0.0, float("nan"))
     B = record.joint_averages(rank, products.counts.size)
     # psi (phi - a' T' psi)' of each block, as combinations of the columns of its products
     unexplained = np.vstack([-(T @ a), np.diag(scale), np.zeros(count)])
@@ -257,28 +257,28 @@ def strength(
     cross = a.T @ shared
     residual = R - a.T @ a - cross - cross.T
     directions = record.partial_directions(a)
-    alone = directions @ a.T
-    explained = (alone * alone).sum(axis=1)
-    total, unexplained = (((directions @ item) * directions).sum(axis=1) for item in (R, residual))
+    projected = directions @ a.T
+    explained = (projected * projected).sum(axis=1)
+    total, unexplained = (((directions @ matrix) * directions).sum(axis=1) for matrix in (R, residual))
     tested = unexplained > UNEXPLAINED
     white, partial, effective = (np.full(count, x) for x in (np.inf, 1.0, np.inf))
     freedom = (rank - count + 1) / max(products.rows - rank, 1.0)
     np.divide(explained, freedom * unexplained, out=white, where=tested)
     np.divide(explained, total, out=partial, where=tested)
     # each direction of the scores without what the other columns move
-    basis, alone = orthogonal_factors(a)[0], (alone * unit_scale(explained)[:, None])[:, :, None]
-    moved = (directions @ L.reshape(count, -1)).reshape(L.shape)
-    moved += moved @ alone @ alone.swapaxes(1, 2) - moved @ basis @ basis.T
+    basis, projected = orthogonal_factors(a)[0], (projected * unit_scale(explained)[:, None])[:, :, None]
+    partial_scores = (directions @ L.reshape(count, -1)).reshape(L.shape)
+    partial_scores += partial_scores @ projected @ projected.swapaxes(1, 2) - partial_scores @ basis @ basis.T
     endogenous, sizes = residual.diagonal() > UNEXPLAINED, (products.count, products.rows)
-    least, robust, worst = _smallest(a, residual, L, endogenous, sizes)
-    moved = np.concatenate([moved, worst[None]])
-    spreads, critical = critical_values(moved.swapaxes(1, 2) @ moved)
+    smallest, robust, worst = _smallest(a, residual, L, endogenous, sizes)
+    partial_scores = np.concatenate([partial_scores, worst[None]])
+    spreads, critical = critical_values(partial_scores.swapaxes(1, 2) @ partial_scores)
     np.divide(products.count * explained, spreads[:-1], out=effective, where=tested & (spreads[:-1] > 0.0))
     values, vectors = symmetric_eigen(R)
-    least_squares = vectors**2 @ (1.0 / np.maximum(values, np.finfo(np.float64).eps * values[-1]))
+    inverse_diagonal = vectors**2 @ (1.0 / np.maximum(values, np.finfo(np.float64).eps * values[-1]))
     needed = np.where(tested, critical[:-1], np.nan)
-    each = white if conditional is None else conditional, effective, needed, partial
-    return FirstStageTest(*each, least_squares * explained, least, robust, float(critical[-1]))
+    leading = white if conditional is None else conditional, effective, needed, partial
+    return FirstStageTest(*leading, inverse_diagonal * explained, smallest, robust, float(critical[-1]))
 
 
 def _smallest(
@@ -298,12 +298,12 @@ def _smallest(
         a, L, noise = a[:, endogenous], L[endogenous], noise[endogenous][:, endogenous]
         a, L = a - basis @ (basis.T @ a), L - L @ basis @ basis.T
     power, scores = count * a.T @ a, L.reshape(len(L), -1)
-    white, _ = _least_eigenvalue(power, rank * noise)
-    robust, direction = _least_eigenvalue(power, scores @ scores.T)
+    white, _ = _smallest_eigenvalue(power, rank * noise)
+    robust, direction = _smallest_eigenvalue(power, scores @ scores.T)
     return white, robust, (direction @ scores).reshape(L.shape[1:])
 
 
-def _least_eigenvalue(
+def _smallest_eigenvalue(
     power: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n n"]
 ) -> tuple[float, Float[np.ndarray, " n"]]:
     values, vectors = symmetric_eigen(noise)

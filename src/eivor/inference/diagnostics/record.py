@@ -34,8 +34,8 @@ def quadratic_form(total: Float[np.ndarray, " n"], covariance: Float[np.ndarray,
     scale = unit_scale(covariance.diagonal())
     values, vectors = symmetric_eigen(scale[:, None] * covariance * scale)
     size, parts = np.abs(values), (scale * total) @ vectors
-    kept = size > sys.float_info.epsilon * values.size * size.max(initial=0.0)
-    return float(np.divide(parts * parts, values, out=np.zeros(values.size), where=kept).sum())
+    significant = size > sys.float_info.epsilon * values.size * size.max(initial=0.0)
+    return float(np.divide(parts * parts, values, out=np.zeros(values.size), where=significant).sum())
 
 
 def hotelling_p_value(W: float, equations: int, averages: int | None) -> float:
@@ -68,7 +68,7 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class Subject:
-    """What a diagnostic is of, as its sentences name it."""
+    """Estimate that a diagnostic is of, as its sentences name it."""
 
     names: tuple[str, ...]  # Each joint parameter
     std_errors: Float[np.ndarray, " n"]
@@ -76,7 +76,7 @@ class Subject:
     rows: int
 
     def when(self, share: float) -> str:
-        """Where a share of the rows is, in words."""
+        """Position of a share of the rows, in words."""
         return self.at_row(round(share * self.rows))
 
 
@@ -84,10 +84,10 @@ class Diagnostic(ABC):
     """A statistic with what it is held against, its rows and its sentences."""
 
     @abstractmethod
-    def rows(self, of: Subject, /) -> Iterator[Row]:
+    def rows(self, subject: Subject, /) -> Iterator[Row]:
         """Every number."""
 
-    def reasons(self, _of: Subject, /) -> Iterator[Reason]:
+    def reasons(self, _subject: Subject, /) -> Iterator[Reason]:
         """What speaks against the estimate or should be known of it, each with what to do."""
         return iter(())
 
@@ -125,8 +125,8 @@ def whitening(products: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p q"]:
         if (inverse * inverse).sum() < SMALLEST_DIRECTION**-2:  # no direction has a smaller eigenvalue
             return scale * inverse
     values, vectors = symmetric_eigen(scaled)
-    kept = values > SMALLEST_DIRECTION**2
-    return scale * vectors[:, kept] / np.sqrt(values[kept])
+    significant = values > SMALLEST_DIRECTION**2
+    return scale * vectors[:, significant] / np.sqrt(values[significant])
 
 
 def partial_directions(columns: Float[np.ndarray, "q n"]) -> Float[np.ndarray, "n n"]:
@@ -155,15 +155,15 @@ def conditional_first_stage(
     if rank < count or rows <= rank:
         return np.zeros(count)
     projected = basis.T @ jacobian
-    left = jacobian @ partial_directions(projected).T
-    seen = basis.T @ left
-    explained = (seen**2).sum(axis=0)
-    unexplained = (left**2).sum(axis=0) - explained
+    residuals = jacobian @ partial_directions(projected).T
+    fitted = basis.T @ residuals
+    explained = (fitted**2).sum(axis=0)
+    unexplained = (residuals**2).sum(axis=0) - explained
     if effective:
         power = (basis**2).sum(axis=1)
-        unexplained = power @ (left - basis @ seen) ** 2 * (rows - rank) / noisy
+        unexplained = power @ (residuals - basis @ fitted) ** 2 * (rows - rank) / noisy
     others = (np.linalg.qr(np.delete(projected, j, axis=1))[0] for j in range(count))
-    degrees = noisy - np.array([(taken[:noisy] ** 2).sum() for taken in others])
+    degrees = noisy - np.array([(Q[:noisy] ** 2).sum() for Q in others])
     tested = (unexplained > 0.0) & (degrees > 0.0)
     strengths = np.full(count, np.inf)
     return np.divide(explained * (rows - rank), degrees * unexplained, out=strengths, where=tested)
@@ -185,12 +185,12 @@ def first_stage_of_products(
     noise_products = to_basis @ (np.zeros(cross.shape) if shared is None else shared)
     basis_products = to_basis @ cross - noise_products
     directions = partial_directions(basis_products)
-    moved = basis_products @ directions.T
-    explained = (moved * moved).sum(axis=0)
+    projected = basis_products @ directions.T
+    explained = (projected * projected).sum(axis=0)
     unexplained = ((directions @ regressors) * directions).sum(axis=1) - explained
-    unexplained -= 2.0 * (moved * (noise_products @ directions.T)).sum(axis=0)
-    left, strengths = unexplained > 1e-12 * regressors.diagonal(), np.full(count, np.inf)
-    return np.divide(explained * (rows - available), degrees * unexplained, out=strengths, where=left)
+    unexplained -= 2.0 * (projected * (noise_products @ directions.T)).sum(axis=0)
+    testable, strengths = unexplained > 1e-12 * regressors.diagonal(), np.full(count, np.inf)
+    return np.divide(explained * (rows - available), degrees * unexplained, out=strengths, where=testable)
 
 
 @dataclass(frozen=True)

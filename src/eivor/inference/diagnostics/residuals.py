@@ -34,7 +34,7 @@ LOG_QUANTILES = {unknowns: np.log(row) for unknowns, row in QUANTILES.items()}
 def influences(
     sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "K n"]:
-    """What each block adds to each parameter. Performs no checks."""
+    """Contribution of each block to each parameter. Performs no checks."""
     scale = unit_scale(np.abs(sensitivity.diagonal()))
     scaled = scale[:, None] * sensitivity * scale
     return np.asarray(scale * np.linalg.lstsq(scaled, scale[:, None] * sums.T, rcond=None)[0].T)
@@ -65,37 +65,38 @@ class Constancy(Diagnostic):
         """Whether a change is worth a word."""
         return bool(self.p_value < SIGNIFICANT)
 
-    def rows(self, of: Subject, /) -> Iterator[Row]:
-        likely = f"p-value {self.p_value:.3g}, a change most likely at {of.when(self.break_at)}"
+    def rows(self, subject: Subject, /) -> Iterator[Row]:
+        likely = f"p-value {self.p_value:.3g}, a change most likely at {subject.when(self.break_at)}"
         line = f"constancy            {self.statistic:>10.4g}  {likely}"
         yield Row("constancy", "", self.statistic, self.p_value, line)
-        for name, p, change in zip(of.names, self.p_values, self.change, strict=True):
+        for name, p, change in zip(subject.names, self.p_values, self.change, strict=True):
             yield Row("change", name, float(change), float(p))
         yield Row("break_at", "share of the record", self.break_at, None)
 
-    def reasons(self, of: Subject, /) -> Iterator[Reason]:
+    def reasons(self, subject: Subject, /) -> Iterator[Reason]:
         if self.speaks:
             j = int(np.argmin(self.p_values))
             yield Reason(
                 Status.WEAK,
-                f"The parameters {self.outcome} during the record, most likely at {of.when(self.break_at)}: "
-                f"{of.names[j]} by {self.change[j]:+.3g} (p-value {self.p_value:.1g} or less).",
+                f"The parameters {self.outcome} during the record, most likely at "
+                f"{subject.when(self.break_at)}: {subject.names[j]} by {self.change[j]:+.3g} "
+                f"(p-value {self.p_value:.1g} or less).",
                 "Identify both parts apart, and look for what changed: load, battery, wind, a mode.",
             )
 
 
 def constancy(influence: Float[np.ndarray, "K n"]) -> Constancy:
-    """Test of a change of the parameters, from what each block adds to them. Performs no checks."""
+    """Test of a change of the parameters, from each block's contribution to them. Performs no checks."""
     groups = influence.reshape(GROUPS, -1, influence.shape[1]).sum(axis=1)
     unknowns, (difference, S) = groups.shape[1], sides(groups)
     variances = np.diagonal(S, axis1=1, axis2=2)
-    each = np.divide(difference**2, variances, out=np.zeros(difference.shape), where=variances > 0.0).T
-    p_values = p_value(each.max(axis=1), 1)
+    squares = np.divide(difference**2, variances, out=np.zeros(difference.shape), where=variances > 0.0).T
+    p_values = p_value(squares.max(axis=1), 1)
     if unknowns in QUANTILES:
         path = wald_path(difference, S)
         joint = float(p_value(path.max(), unknowns))
     else:  # too many for one covariance on twelve averages: the strongest of them, by Bonferroni's bound
-        path = each[int(np.argmin(p_values))]
+        path = squares[int(np.argmin(p_values))]
         joint = min(1.0, unknowns * float(p_values.min()))
     k = TRIMMED + int(np.argmax(path))
     change = GROUPS * (groups[k:].sum(axis=0) / (GROUPS - k) - groups[:k].sum(axis=0) / k)
@@ -136,9 +137,9 @@ def _transforms() -> Float[np.ndarray, "breaks rows 64"]:
         right = GROUPS - k
         root = np.sqrt(1.0 / k + 1.0 / right)
         rows[i, 0, :k], rows[i, 0, k:] = 1.0 / (k * root), -1.0 / (right * root)
-        for item, size, first in ((0, k, 0), (SIDE_AVERAGES, right, k)):
+        for offset, size, first in ((0, k, 0), (SIDE_AVERAGES, right, k)):
             cosines = np.cos(np.pi * j * (np.arange(size) + 0.5) / size) * np.sqrt(2.0 / size)
-            rows[i, 1 + item : 1 + item + SIDE_AVERAGES, first : first + size] = cosines
+            rows[i, 1 + offset : 1 + offset + SIDE_AVERAGES, first : first + size] = cosines
     rows[:, 1:] /= np.sqrt(2.0 * SIDE_AVERAGES)
     return rows
 
@@ -149,7 +150,7 @@ LARGE_LEVERAGE = 1.5
 
 @dataclass(frozen=True)
 class SegmentLeverage(Diagnostic):
-    """What leaving out each stretch does."""
+    """Effect of leaving out each stretch."""
 
     shift: Float[np.ndarray, "S n"]
     in_std_errors: Float[np.ndarray, "S n"]  # The same over the standard errors of the estimate
@@ -162,29 +163,29 @@ class SegmentLeverage(Diagnostic):
 
     @cached_property
     def largest(self) -> Float[np.ndarray, " n"]:
-        """By how much it does, in standard errors, with its sign."""
+        """Largest effect, in standard errors, with its sign."""
         return self.in_std_errors[self.most, np.arange(self.shift.shape[1])]
 
-    def rows(self, of: Subject, /) -> Iterator[Row]:
-        for j, name in enumerate(of.names):
-            by, where = float(self.largest[j]), f"{name}, {self._where(j, of)}"
+    def rows(self, subject: Subject, /) -> Iterator[Row]:
+        for j, name in enumerate(subject.names):
+            by, where = float(self.largest[j]), f"{name}, {self._span(j, subject)}"
             line = f"largest leverage     {by:>+10.2f}  standard errors of {where}"
             yield Row("leverage", where, by, 1.0, line)
 
-    def reasons(self, of: Subject, /) -> Iterator[Reason]:
-        for j, name in enumerate(of.names):
+    def reasons(self, subject: Subject, /) -> Iterator[Reason]:
+        for j, name in enumerate(subject.names):
             by = float(self.largest[j])
             if abs(by) > LARGE_LEVERAGE:
                 yield Reason(
                     Status.WEAK,
-                    f"One stretch of the record, from {self._where(j, of)}, moves {name} by {abs(by):.1f} "
-                    "standard errors.",
+                    f"One stretch of the record, from {self._span(j, subject)}, moves {name} by "
+                    f"{abs(by):.1f} standard errors.",
                     "Look at it, and identify without it.",
                 )
 
-    def _where(self, j: int, of: Subject) -> str:
+    def _span(self, j: int, subject: Subject) -> str:
         first, end = self.segments[self.most[j]]
-        return f"{of.at_row(first)} to {of.at_row(end)}"
+        return f"{subject.at_row(first)} to {subject.at_row(end)}"
 
 
 def segment_leverage(
@@ -221,11 +222,11 @@ class ResidualMemory(Diagnostic):
         """Whether the residual is clearly not stationary."""
         return bool(self.memory - 2.0 * self.order_error > NOT_STATIONARY)
 
-    def rows(self, _of: Subject, /) -> Iterator[Row]:
+    def rows(self, _subject: Subject, /) -> Iterator[Row]:
         line = f"memory               {self.memory:>10.3f}  standard error {self.order_error:.3f}"
         yield Row("memory", "", self.memory, self.order_error, line)
 
-    def reasons(self, _of: Subject, /) -> Iterator[Reason]:
+    def reasons(self, _subject: Subject, /) -> Iterator[Reason]:
         if self.drifts:
             yield Reason(
                 Status.WEAK,
@@ -268,7 +269,7 @@ class ResidualWhiteness(Diagnostic):
     def outside(self) -> int:
         return int((np.abs(self.autocorrelation) > self.band).sum())
 
-    def rows(self, _of: Subject, /) -> Iterator[Row]:
+    def rows(self, _subject: Subject, /) -> Iterator[Row]:
         line = f"whiteness            {self.ljung_box:>10.4g}  Ljung-Box, p-value {self.p_value:.3g}"
         yield Row("ljung_box", f"{self.autocorrelation.size} lags", self.ljung_box, self.p_value, line)
         line = f"Durbin-Watson        {self.durbin_watson:>10.4g}"
@@ -276,7 +277,7 @@ class ResidualWhiteness(Diagnostic):
         for lag, r in enumerate(self.autocorrelation, start=1):
             yield Row("autocorrelation", f"lag {lag}", float(r), self.band)
 
-    def reasons(self, _of: Subject, /) -> Iterator[Reason]:
+    def reasons(self, _subject: Subject, /) -> Iterator[Reason]:
         if self.p_value < SIGNIFICANT:
             yield Reason(
                 Status.IDENTIFIED,

@@ -268,13 +268,13 @@ def chosen_order(
 ) -> tuple[LaggedRuns, Estimate]:
     """The estimate, with a second stage of the actuators where the flights show one."""
     estimate = solve(problem)
-    staged = replace(problem, nuisances=lagged_runs.of_order(problem.nuisances, 3))
+    staged = replace(problem, nuisances=lagged_runs.with_order(problem.nuisances, 3))
     if options.order is not None or len(staged.nuisances) == len(problem.nuisances):
         return problem, estimate
     lag_s = estimate.nuisances[ACTUATOR_LAG.name]
     without_lag = lag_s <= LAGS_S[0] + AT_END * lagged_runs.TOLERANCE_S
     if without_lag:
-        candidate = replace(problem, nuisances=lagged_runs.of_order(problem.nuisances, 1))
+        candidate = replace(problem, nuisances=lagged_runs.with_order(problem.nuisances, 1))
     elif DELAY.name not in estimate.names or estimate.std_error(DELAY.name) > _imitated_s(lag_s):
         return problem, estimate  # nothing to gain: a second stage changes the delay by less than is known
     else:
