@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_logs import FRICTION, GAIN, LAG_S, flown, prepare_vertical
+from flight_logs import FRICTION, GAIN, LAG_S, changed, flown, prepare_vertical
 from scipy import stats
 
 import eivor as ev
@@ -118,6 +118,26 @@ def test_a_pool_without_a_solution_is_refused(alike, monkeypatch):
     assert fit.verdict.status is ev.Status.REFUSED
     assert "no solution with viscous friction of each flight" in fit.verdict.sentences[0]
     assert "--pool-friction common" in fit.verdict.reasons[0].remedy
+
+
+@pytest.mark.parametrize("options", [{}, {"pool_friction": "common"}])
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_flight_without_the_reference_of_the_others_is_left_out(options):
+    moving, *others = named(flown(3, seconds=15.0, seed=5))
+    held = {name: np.full(1500, 0.5) for name in ("reference_position_z", "reference_velocity_z")}
+    resting, without = changed(others[0], **held), changed(others[1], *held)
+    fit = ev.identify_flight([resting, moving, without], **options)
+    alone = ev.identify_flight([moving])
+    assert fit.quantities["input_gain"].value == pytest.approx(alone.quantities["input_gain"].value)
+    assert [flight.recording.name for flight in fit.prepared] == [moving.name]
+    omitted = [item.message.split(" is not")[0] for item in fit.findings if item.name == "left_out_of_pool"]
+    assert omitted == [resting.name, without.name]
+    assert len(fit.flights) == 3
+    direct = ev.identify_flight([resting, moving], method="whitened_least_squares", **options)
+    assert len(direct.prepared) == 2
+    none = ev.identify_flight([resting, replace(resting, sha256="other")], **options)
+    assert len(none.prepared) == 2
+    assert "The reference never moved" in none.verdict.sentences[0]
 
 
 class Laden(Vertical):

@@ -184,6 +184,18 @@ def test_a_machine_is_written_as_equations(boat_fit, tmp_path):
         boat_fit.export("mujoco")
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_a_pool_of_a_machine_leaves_out_a_flight_without_the_reference_of_the_others(boat_fit):
+    moving = boat_fit.prepared[0].recording
+    still = {name: channel for name, channel in moving.channels.items() if name != "reference_heading"}
+    without = replace(moving, name="adrift", sha256="adrift", channels=still)
+    fit = ev.identify_flight([without, moving], model=boat_fit.motion)
+    assert fit.quantities["a"] == boat_fit.quantities["a"]
+    assert [item.message[:22] for item in fit.findings if item.name == "left_out_of_pool"] == [
+        "adrift is not in the p"
+    ]
+
+
 JUMPING = """name = "jumping"
 response = "ddt(v) + ddt(v) * {inertia}"
 [channels]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -16,7 +17,7 @@ from eivor.flights.estimate import FlightState, LagMeasurements, estimated, lag_
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LagPrior
 from eivor.flights.motion import Motion, for_flights
 from eivor.flights.options import FlightOptions
-from eivor.flights.pooling import agreement, pooled_result
+from eivor.flights.pooling import agreement, left_out, pooled_result, with_references
 from eivor.flights.prepare import Window, check_options, check_poolable, prepare, without_duplicates
 from eivor.flights.quantity import CoupledAxis, Quantity
 from eivor.flights.result import FlightEstimate, FlightRow
@@ -64,12 +65,19 @@ def identified(
         choice = replace(options, method=by_name(options.method).of_flights)
         by_log = [estimated(replace(single, prepared=(flight,), options=choice)) for flight in prepared]
         over_identification = agreement([item.fit.checks for item in by_log if item.fit is not None])
-        result = pooled_result(single, by_log) or estimated(replace(single, agreement=over_identification))
+        shared = with_references(prepared, options)
+        state = replace(state, prepared=shared)
+        used = [any(item is each for each in shared) for item in prepared]
+        pool = pooled_result(single, by_log)
+        together = replace(single, prepared=shared, agreement=over_identification)
+        result = pool or estimated(together)
+        if pool is None:
+            omitted = left_out(itertools.compress(prepared, np.logical_not(used)))
+            result = replace(result, findings=(*result.findings, *omitted))
         progress(Stage.DIAGNOSING)
-        each = [_row(flight.recording.name, item) for flight, item in zip(prepared, by_log, strict=True)]
-        result = replace(
-            result, flights=tuple(each), findings=(*result.findings, *differences(result, by_log))
-        )
+        rows = [_row(flight.recording.name, item) for flight, item in zip(prepared, by_log, strict=True)]
+        noticed = differences(result, list(itertools.compress(by_log, used)))
+        result = replace(result, flights=tuple(rows), findings=(*result.findings, *noticed))
     result = replace(result, findings=(*dropped, *result.findings))
     if options.compare:
         output_error = motion.abilities.prediction.output_error

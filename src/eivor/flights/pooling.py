@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
@@ -200,11 +201,27 @@ def pooled_result(state: FlightState, alone: Sequence[FlightEstimate]) -> Flight
         return without_fit(state, f"The pool has no solution with {text} of each flight: {error}", remedy)
     serving = {id(member.logged): member.flight for member in members}
     in_order = tuple(serving.get(id(item), item) for item in prepared if not item.runs or id(item) in serving)
-    omitted = [item.recording.name for item in prepared if item.runs and id(item) not in serving]
-    why = "is not in the pool: it gives no estimate by a reference like the others'."
-    left_out = (Finding("left_out_of_pool", f"{name} {why}") for name in omitted)
-    findings = (*outcome.flight_findings(in_order, motion.words), *left_out, *result.findings)
+    omitted = left_out(item for item in prepared if item.runs and id(item) not in serving)
+    findings = (*outcome.flight_findings(in_order, motion.words), *omitted, *result.findings)
     return replace(result, prepared=in_order, findings=findings)
+
+
+def left_out(flights: Iterable[PreparedFlight]) -> Iterator[Finding]:
+    """Findings on flights that a pool leaves out."""
+    why = "is not in the pool: it gives no estimate by a reference like the others'."
+    return (Finding("left_out_of_pool", f"{flight.recording.name} {why}") for flight in flights)
+
+
+def with_references(
+    flights: tuple[PreparedFlight, ...], options: FlightOptions
+) -> tuple[PreparedFlight, ...]:
+    """Flights with the reference that most have, where instruments are needed and not all share one."""
+    flying = tuple(flight for flight in flights if flight.runs)
+    counts = Counter(name for flight in flying for name in flight.usable_references)
+    if not counts or not instruments(flying, options, by_name(options.method)).missing:
+        return flights
+    most = max(counts, key=counts.__getitem__)
+    return tuple(flight for flight in flights if not flight.runs or most in flight.usable_references)
 
 
 def _members(
