@@ -25,9 +25,9 @@ from eivor.models.regression import LinearProblem, Parameter, Regression, Sample
 from eivor.models.separable import Prior, SeparableProblem, Values, values_of
 from eivor.tools import Float, Int
 
-#: A block starts at one of at least so many places within a block's length, where rows allow it.
+#: Fewest starts of a block within its length, where rows allow it.
 STEPS_PER_BLOCK = 8
-#: With at most so many atoms each row is one.
+#: Most atoms of which each is one row.
 FINEST_ATOMS = 4096
 #: Autocorrelations below so many standard errors are taken for zero (Politis and White 2004).
 NEGLIGIBLE = 2.0

@@ -370,7 +370,7 @@ class Diagnostics:
 
     @cached_property
     def leverage(self) -> residuals.SegmentLeverage | None:
-        """What leaving out each of ten segments of equal length does; None for too few samples."""
+        """Effect of leaving out each of ten equal segments; None for too few samples."""
         record, products = self.record, self.record.products
         counts = products.counts
         if counts.size < 2 * SEGMENTS or self.fits_exactly:

@@ -63,17 +63,17 @@ class Estimate:
     covariance_estimator: cov.CovarianceEstimator = cov.DEFAULT
     #: Covariance made elsewhere: by a second pass over chunks, for an estimate from moments; or by a pool.
     streamed_covariance: cov.JointCovariance | None = field(default=None, repr=False)
-    #: What it is compared by in place of its own criterion: a pool's, or a likelihood's.
+    #: Criterion of a pool or of a likelihood, in place of its own.
     flight_criterion: float | None = None
-    #: What a finer discretisation would change of the joint vector.
+    #: Change of the joint vector by a finer discretisation.
     discretisation: Float[np.ndarray, " n"] | None = None
     #: Parameters and nuisances at another order of the response, which fits as well
     other_order: Mapping[str, float] = field(default_factory=dict)
     #: Terms of a wider model that the data do not show, with their first steps and standard errors
     left_out: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    #: What the values before output error differ by, beyond the errors of both
+    #: Difference from the values before output error, beyond the errors of both
     unrefined: Float[np.ndarray, " n"] | None = None
-    origin: Float[np.ndarray, " n"] | None = None  # What the unknowns are changes of, in linearised equations
+    origin: Float[np.ndarray, " n"] | None = None  # Linearisation point that the unknowns are changes from
 
     def __getstate__(self) -> dict[str, object]:
         """State without the equation and the basis, which are computed again on demand."""
@@ -152,13 +152,13 @@ class Estimate:
         return float(np.mean(psi**2))
 
     def objective_unit(self) -> float:
-        """What the solver's objective grows by, on average, with one equation more than unknowns."""
+        """Mean growth of the solver's objective with each equation beyond the unknowns."""
         if self.assembler.needs_instruments:
             return self.residual_variance() * self.row_power() / self.count
         return self.solution.objective / max(self.count - self.unknowns, 1)
 
     def prior_rows(self) -> Float[np.ndarray, "k n"]:
-        """Rows of pseudo-observations of what is known beforehand, over the square root of their variance."""
+        """Rows of pseudo-observations by priors, over the square root of their variance."""
         rows = np.zeros((len(self.known), self.unknowns))
         rows[:, self.theta.size : self.theta.size + self.known.shape[1]] = self.known
         return rows
@@ -179,7 +179,7 @@ class Estimate:
 
     @property
     def criterion(self) -> float:
-        """What estimates are compared by, in units of a chi-square on one degree of freedom."""
+        """Criterion of comparison, in units of a chi-square of one degree of freedom."""
         if self.flight_criterion is not None:
             return self.flight_criterion
         if self.assembler.needs_instruments:
@@ -295,12 +295,12 @@ class Estimate:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Value of each joint parameter ."""
+        """Value of each joint parameter."""
         return dict(zip(self.names, self.values.tolist(), strict=True))
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
-        """Covariance , in the order of `names`: see `JointCovariance.matrix`."""
+        """Covariance, in the order of `names`: see `JointCovariance.matrix`."""
         return self.joint_covariance.matrix
 
     @property
@@ -336,7 +336,7 @@ class Estimate:
         return max(ellipses, key=lambda ellipse: ellipse.area)
 
     def std_error(self, name: str) -> float:
-        """Largest of the standard errors ."""
+        """Largest of the standard errors."""
         return self.joint_covariance.std_error(self.direction(name))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
@@ -519,7 +519,7 @@ def _direct_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
 
 
 def equation_map(solved: Estimate) -> Float[np.ndarray, "n p"]:
-    """Return what a change of the mean scores changes the solution by, to first order: (A'WA)^-1 A'W."""
+    """Derivative of the solution by the mean scores, to first order: (A'WA)^-1 A'W."""
     A, factor = solved.system.matrix, solved.factor
     if factor is not None:
         A = scipy.linalg.solve_triangular(factor, A, lower=True)

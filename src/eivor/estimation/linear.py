@@ -38,7 +38,7 @@ from eivor.models.separable import LinearisableProblem, Nuisance, SeparableProbl
 from eivor.models.spectral import BinRows
 from eivor.tools import Float
 
-#: What methods estimate from.
+#: Problems that methods estimate from.
 Problem = LinearProblem | SeparableProblem | ProblemMoments
 
 
@@ -135,7 +135,7 @@ def coarse_nuisances(problem: LinearisableProblem, solve: Solve) -> dict[str, fl
 
 
 def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values) -> Estimate:
-    """Solution at the nuisances' values that a step of the method leaves as they are."""
+    """Solution at nuisances that a step of the method does not change."""
     low, high = (np.array([nuisance.grid[end] for nuisance in problem.nuisances]) for end in (0, -1))
     names = [nuisance.name for nuisance in problem.nuisances]
     values = np.array([start[name] for name in names])
@@ -241,7 +241,7 @@ def weak_instruments(strengths: Float[np.ndarray, " n"], parameters: tuple[Param
 def overstated_noise(
     moments: CrossMoments, noise: Float[np.ndarray, "p n"], parameters: tuple[Parameter, ...]
 ) -> tuple[Reason, ...]:
-    """Reasons for the status weak where more noise is taken out of a column than there is of it."""
+    """Reasons for the status weak where a column has less power than its declared noise."""
     cross, powers, p = moments.equations[:, :-1], moments.products.mean.diagonal(), moments.products.tested
     return tuple(
         Reason(
@@ -440,7 +440,7 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
 def known_misfits(
     nuisances: Sequence[Nuisance], values: Values
 ) -> tuple[tuple[float, ...], Float[np.ndarray, "k q"]]:
-    """Misfits of the nuisances that have priors; rows of what is known, first theirs and then of parts."""
+    """Misfits of the nuisances that have priors; information rows, first theirs and then of parts."""
     searched = [item for item in nuisances if item.searched]
     names = [item.name for item in searched]
     ordered = sorted(searched, key=lambda item: item.prior is None)
@@ -493,7 +493,7 @@ def _minimum(
 def first_steps(
     method: LinearMethod, estimate: Estimate, problem: LaggedRuns
 ) -> dict[str, tuple[float, float]]:
-    """First step and standard error of what a wider problem has beyond an estimate, without a search."""
+    """First step and standard error of each further parameter of a wider problem, without a search."""
     searched = [item for item in problem.nuisances if item.searched]
     values = {**{item.name: 0.0 for item in searched}, **estimate.nuisances}
     known = estimate.parameters

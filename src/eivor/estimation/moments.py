@@ -62,12 +62,12 @@ def filtered_instruments(
     return RowBlock(rows[:, -1], rows[:, :-1], psi.T, np.zeros(stop - start, dtype=np.int64))
 
 
-#: Blocks of time, unless there are many instruments; for each of those there are so many.
+#: Blocks of time: at least so many, and so many for each instrument.
 BLOCKS = 128
 BLOCKS_PER_INSTRUMENT = 6
-#: So many rows of a record are worth threads.
+#: Fewest rows of a record for threads.
 THREADED_FROM_ROWS = 8_000_000
-#: Of shorter records the products of lags are multiplied out: to fold them costs more.
+#: Shorter records have their products of lags multiplied out: folding costs more.
 LAGS_FOLDED_FROM = 4_000
 #: Shorter records are one block, and their diagnostics are made of rows.
 FOLDED_FROM = 250_000
@@ -128,7 +128,7 @@ def _folded(
 
 
 def _lag_position(column: Column, lags: Sequence[Column]) -> int | None:
-    """Position of a column among successive lags of one channel, but for its gain; None without."""
+    """Position of a column among successive lags, but for its gain."""
     equal = column.channel == lags[0].channel and not column.gain_channel
     return column.lag - lags[0].lag if equal and lags[0].lag <= column.lag <= lags[-1].lag else None
 
@@ -260,7 +260,7 @@ class CrossMoments:
         return self.products.mean[self.products.tested :, self.products.tested :]
 
     def shared_noise(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " p"]:
-        """What the noises add to each row's products with the residual on average, C theta - c."""
+        """Noises' part of each row's products with the residual, on average: C theta - c."""
         if self.noise is None:
             return np.zeros(self.products.tested)
         return self.noise[:, :-1] @ theta - self.noise[:, -1]
@@ -390,7 +390,7 @@ class Instrumental(Assembler):
 
 @dataclass(frozen=True, slots=True)
 class Compensated(Assembler):
-    """Cross-products without what the measurement noises add: (R_psi_phi - C) theta = r_psi_y - c."""
+    """Cross-products less the measurement noises' covariances: (R_psi_phi - C) theta = r_psi_y - c."""
 
     # Equations (29), (15) of the paper.
 
@@ -436,7 +436,7 @@ class FittedNoise(msgspec.Struct, frozen=True):
 
     @property
     def sentence(self) -> str:
-        """What is reported about it."""
+        """Strength and order, in words."""
         strength = f"{self.strength:.3g}"
         if self.strength_error:
             strength += f" ± {self.strength_error:.1g}"

@@ -69,7 +69,7 @@ class PairedBins:
 
     @cached_property
     def density_scale(self) -> PerBin:
-        """Power per Hz, of both signs of frequency together, over a bin's: 2 T over what tapers leave."""
+        """One-sided power per Hz over a bin's power: 2 T over the mean square of the taper."""
         runs = self.layout.runs
         return np.concatenate([np.full(run.count, 2.0 * run.step_s / np.mean(run.taper**2)) for run in runs])
 
@@ -263,7 +263,7 @@ def _weighted(
 
 @dataclass(frozen=True, slots=True)
 class PairWhitening(RowWeighting):
-    """Combine both equations of a sampled state by the spectrum of what they leave."""
+    """Combine both equations of a sampled state by the spectrum of their residuals."""
 
     corrected: bool  # By the residuals' periodogram; else the likelihood's model as it is
 

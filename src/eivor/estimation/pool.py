@@ -53,7 +53,7 @@ def member_slopes(
 
 @dataclass(frozen=True)
 class PoolJoint:
-    """Linearised pool: every flight's own parameters, then what is shared, then continuous nuisances."""
+    """Linearised pool: every flight's own parameters, then shared ones, then continuous nuisances."""
 
     criterion: sets.Criterion
     slopes: tuple[MemberSlopes, ...]
@@ -104,7 +104,7 @@ class PoolJoint:
 
     @cached_property
     def by_cosines(self) -> Float[np.ndarray, "m m"]:
-        """Covariance by cosine averages in each flight, and what is known beforehand."""
+        """Covariance by cosine averages in each flight, and by priors."""
         meat = self._summed(lambda item: item.meat) + self.variance**2 * self._prior
         return self._widened(cov.sandwich(self.sensitivity, meat))
 
@@ -133,7 +133,7 @@ class PoolJoint:
         return max(float(response @ covariance[first:, first:] @ response) for covariance in covariances)
 
     def flight_parameter_variance(self, positions: list[int]) -> Float[np.ndarray, " F"]:
-        """Variance of a parameter of each flight's own, were what is shared known."""
+        """Variance of a parameter of each flight's own, for known shared parameters."""
         first = self.flight_parameter_count
         inner = self.sensitivity[:first, :first]
         meat = self._summed(lambda item: item.meat)[:first, :first]
@@ -156,11 +156,11 @@ class PoolJoint:
         return np.where(unexplained > 0.0, explained / spare / (unexplained / rest), np.inf)
 
 
-#: Flights differ, in what is their own or in what they share, when chance explains it so rarely.
+#: Level of the tests that flights agree, in their own parameters or in shared ones.
 DIFFERENT = 0.05
 
 
-#: Of a parameter that belongs to the flight a value for all, the flights' weights in it, and the variance of
+#: Common value of a parameter of the flights' own, the flights' weights in it, and the variance of
 #: the mean over flights that differ.
 CommonValue = tuple[float, Float[np.ndarray, " F"], float | None]
 
@@ -179,7 +179,7 @@ class Pooled:
 
     @cached_property
     def common(self) -> sets.Criterion:
-        """J of flights that agree in what is their own."""
+        """J of flights that agree in their own parameters."""
         first = self.criterion.members[0]
         shared = tuple(member.recentred(first.centre) for member in self.criterion.members)
         return replace(self.criterion, members=shared, flight_specific=())
@@ -196,7 +196,7 @@ class Pooled:
 
     @cached_property
     def joint(self) -> PoolJoint:
-        """The pool linearised there; what is shared has its variance multiplied."""
+        """The pool linearised there, with the variance of shared parameters inflated."""
         unknown = tuple(axis.nuisance for axis in self.criterion.nodes.axes)
         slopes = tuple(
             member_slopes(member, unknown, self.values, theta)
@@ -221,13 +221,13 @@ class Pooled:
 
     @cached_property
     def agreement_p_value(self) -> float:
-        """Of the test that flights agree in what is their own."""
+        """P-value of the test that flights agree in their own parameters."""
         degrees = (len(self.estimates) - 1) * len(self.flight_specific)
         return chi_square_tail(max(self.common.minimum[1] - self.criterion.minimum[1], 0.0), degrees)
 
     @property
     def differs(self) -> bool:
-        """Whether flights differ in what is their own, or are not taken as agreeing."""
+        """Whether flights differ in their own parameters, or are not taken as agreeing."""
         return self.separate or self.agreement_p_value < DIFFERENT
 
     def member(self, number: int) -> Estimate:
@@ -241,7 +241,7 @@ class Pooled:
 
     @property
     def has_sets(self) -> bool:
-        """Whether its sets take no longer than they are worth."""
+        """Whether parameters are few enough for sets."""
         return self.criterion.size <= sets.FEW_PARAMETERS
 
     def member_sets(self, name: str, level: float = 0.95) -> tuple[sets.ParameterSets | None, ...]:
@@ -292,7 +292,7 @@ class Pooled:
         return self.inflation * t_quantile(level, sets.DEGREES) ** 2
 
     def mean(self, name: str) -> CommonValue:
-        """One value for all flights of a parameter that is their own."""
+        """Common value of a parameter that is the flights' own."""
         position = self._positions([name])[0]
         values = np.array([theta[position] for theta in self.theta])
         rows = [int(index[position]) for index in self.joint.indices]
@@ -310,7 +310,7 @@ class Pooled:
         return [parameters.index(name) for name in names]
 
     def pooled_estimate(self) -> Estimate:
-        """Estimate of the pool: what is shared, and the common value or the mean of what is not."""
+        """Estimate of the pool: shared parameters, and the common value or the mean of others."""
         # rows of all flights, their responses corrected to the mean of the flights' own parameters
         joint, positions = self.joint, self._positions(self.flight_specific)
         means = dict(zip(positions, map(self.mean, self.flight_specific), strict=True))
@@ -336,7 +336,7 @@ class Pooled:
     def _covariance(
         self, joint: PoolJoint, vector: Float[np.ndarray, "v m"], means: dict[int, CommonValue]
     ) -> cov.JointCovariance:
-        """Of the mean and of what is shared; where flights differ, with a part for that."""
+        """Covariance of means and shared parameters, with a part between flights that differ."""
         result = joint.combined(vector)
         variances = np.zeros(vector.shape[0])
         for element, (_, _, differing) in means.items():
@@ -415,7 +415,7 @@ def pooled(
 
 
 def _differences(criterion: sets.Criterion) -> tuple[float, float]:
-    """P-value of agreement in what is shared, and by what its variance is multiplied."""
+    """P-value of agreement in shared parameters, and the factor of their variance."""
     joint = replace(criterion, known={}).minimum[1]
     separate = sum(replace(criterion, members=(member,), known={}).minimum[1] for member in criterion.members)
     degrees = (len(criterion.members) - 1) * (len(criterion.shared) + len(criterion.nodes.axes))

@@ -185,7 +185,7 @@ class Criterion:
         return sum(member.instruments for member in self.members)
 
     def positions(self, flight: int) -> np.ndarray:
-        """Positions of a flight's residual and parameters among those of all flights."""
+        """Positions of a flight's residual and parameters among all."""
         flights, specific = len(self.members), len(self.flight_specific)
         positions = np.zeros(1 + self.size, dtype=np.int64)
         positions[[1 + index for index in self.flight_specific]] = 1 + flight * specific + np.arange(specific)
@@ -211,7 +211,7 @@ class Criterion:
         return N, D / (self.rows - self.unknowns)
 
     def _joined(self, blocks: Forms) -> Float[np.ndarray, "m q q"]:
-        """Form of all parameters: residual, each flight's own, and what is shared."""
+        """Form of all parameters: residual, each flight's own, and shared ones."""
         width = 1 + len(self.members) * len(self.flight_specific) + len(self.shared)
         joined = np.zeros((blocks.shape[1], width, width))
         for number, block in enumerate(blocks):
@@ -220,7 +220,7 @@ class Criterion:
         return joined
 
     def profile_over(self, box: Box) -> Float[np.ndarray, " points"]:
-        """J at the points of a box, least over the linear parameters."""
+        """Profile of J at the points of a box."""
         return self._profile(self.nodes.values_over(box))
 
     def _profile(self, values: ManyValues) -> Float[np.ndarray, " points"]:
@@ -266,7 +266,7 @@ class Criterion:
         return values
 
     def profile_at(self, rows: Rows, places: Places) -> Places:
-        """J at some places of slices, least over the linear parameters."""
+        """Profile of J at some places of slices."""
         return self._profile(self._values_at(rows, places)).reshape(places.shape)
 
     @cached_property
@@ -324,7 +324,7 @@ class Criterion:
 
     @cached_property
     def _stretches(self) -> dict[float, tuple[Rows, Places, Bool[np.ndarray, " R"]]]:
-        """Stretches by their bound, which are the same for all parameters."""
+        """Stretches by bound, the same for all parameters."""
         return {}
 
     def stretches(self, bound: float) -> tuple[Rows, Places, Bool[np.ndarray, " R"]]:

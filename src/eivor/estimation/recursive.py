@@ -60,7 +60,7 @@ REST = 8
 SCALE_LOOKS, LEAST_LOOKS, KEPT_LOOKS = 80, 20, 3
 #: Least information of a look on a parameter, over the average, to count.
 LEAST_STRENGTH = 0.1
-#: What a change counts in the sums to both sides.
+#: Sign of a change in the sums to both sides.
 SIDES = np.array([[1.0], [-1.0]])
 
 
@@ -131,7 +131,7 @@ class Watch:
         """State after one more look; a look without rows or reference changes nothing."""
         if self.references is None or look is None:
             return self
-        # changes of the parameters that the look shows, and how well, over what looks do on average
+        # changes of the parameters by the look, and its information over the average
         mapped = np.matmul(self.references.mapped, look)
         change = mapped[:, :, -1] - np.matmul(mapped[:, :, :-1], self.references.theta[:, :, None])[:, :, 0]
         strength = np.diagonal(mapped[:, :, self.references.watched], axis1=1, axis2=2)
@@ -354,7 +354,7 @@ HELD = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What is known of a parameter after a look."""
+    """Value and half-width of a parameter after a look."""
 
     time_s: float  # On the log's clock [s]
     value: float
@@ -368,7 +368,7 @@ class Moment:
         return self.share >= HELD and self.half_width <= LARGEST_SHARE * abs(self.value)
 
 
-#: Estimate of weighted products and of what was known, its map from mean scores, and the latter's covariance.
+#: Estimate by weighted products and priors, its map from mean scores, and the priors' part of its covariance.
 Posterior = tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n p"], Float[np.ndarray, "n n"]]
 
 
@@ -428,13 +428,13 @@ class Follower:
             row = 1.0 / float(max(*variances, np.finfo(np.float64).tiny))
             largest = max(float(np.abs(projected).max()), float(np.abs(information).max()))
             row = min(row, MOST_INFORMATION / largest)
-            # without the directions that nothing gives
+            # without the directions that have no information
             normal = row * information + precision
             sizes = np.outer(*2 * [unit_scale(np.diag(normal))])
             inverse = sizes * np.linalg.pinv(normal * sizes, rcond=LEAST_INFORMATION_SHARE, hermitian=True)
             theta = inverse @ (row * projected + precision @ mean)
         known = inverse @ precision @ inverse
-        # a direction that nothing gives may hold some of it: the least of all solutions is no estimate
+        # part of it may lie in a direction without information: the minimum-norm solution is no estimate
         if inverse[self.index] @ normal[:, self.index] < 1.0 - RESOLVED:
             known = np.full_like(known, math.inf)
         return theta, row * inverse @ A.T @ basis.T, known

@@ -71,7 +71,7 @@ class PairSpectrum:
 
     @cached_property
     def root(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lower Cholesky factor: its first diagonal, what stands below, its second diagonal."""
+        """Lower Cholesky factor: first diagonal, below it, second diagonal."""
         top = np.sqrt(self.first)
         below = self.cross.conj() / top
         return top, below, np.sqrt(self.determinant / self.first)
@@ -94,7 +94,7 @@ def inner(left: Pair, right: Pair) -> Complex[np.ndarray, " bins"]:
     return (left.conj() * right).sum(axis=0)
 
 
-#: Order that is expected where nothing else is known of it.
+#: Expected order of a noise of unknown order.
 USUAL_ORDER = -0.2
 
 
@@ -105,7 +105,7 @@ class PairedEquations(Protocol):
     @property
     @abstractmethod
     def log_scale(self) -> Float[np.ndarray, " bins"]:
-        """Logarithm of what a noise of the order one grows by: its spectrum is exp(2 log_scale)."""
+        """Log gain of a difference of order one: the spectrum of its noise is exp(2 log_scale)."""
 
     @abstractmethod
     def shapes(self) -> Shapes:
@@ -132,11 +132,11 @@ class NoiseModel:
 LARGEST_ORDER = 1.2
 #: Largest share of it that an order may have.
 LARGEST_SHARE = 1.0 - 1e-9
-#: Standard deviations of what is known beforehand: of log variances, of orders.
+#: Standard deviations of the priors: of log variances, of orders.
 PRIOR_STD = np.array([3.0, 3.0, 3.0, 0.5, 0.5, 0.5])
-#: What strengths are, of a record that is sampled evenly.
+#: Unit of strengths, of a record that is sampled evenly.
 MEASURE = "a sample, of the white noise behind it"
-#: What has noise, in the order of variances and of orders.
+#: Noisy quantities, in the order of variances and of orders.
 NOISE_NAMES = ("velocity", "acceleration", "disturbance")
 #: Most steps of a search, and the largest slope, in standard errors, where it has come to rest.
 STEPS, AT_REST = 200, 1e-4
@@ -150,7 +150,7 @@ LEAST_DECLARED = 1e-9
 
 @dataclass(frozen=True)
 class NoisePrior:
-    """What is known of the noises before they are fitted."""
+    """Prior of the noises, and which of their parameters are fitted."""
 
     centre: NoiseModel
     fitted: Bool[np.ndarray, " 6"]
@@ -219,7 +219,7 @@ def _information_root(fit: _Fit, vector: Six, fitted: Bool[np.ndarray, " 6"]) ->
 def fitted_noises(
     pairs: PairedEquations, residual: Pair, model: NoiseModel, prior: NoisePrior, measure: str
 ) -> tuple[FittedNoise, ...]:
-    """What is reported about the noises of a model that fits, with errors by its information."""
+    """Report of the noises of a fitted model, with errors by its information."""
     fit = _Fit(pairs, residual, prior.centre)
     vector, fitted = fit.vector(model), prior.fitted
     errors = np.zeros(6)
@@ -285,7 +285,7 @@ class _Fit:
         return value + 0.5 * float(from_centre @ from_centre), gradient
 
     def information(self, vector: Six) -> Float[np.ndarray, "6 6"]:
-        """Sum over bins of tr(C^-1 C_j C^-1 C_l), with what the prior adds."""
+        """Sum over bins of tr(C^-1 C_j C^-1 C_l), and the prior's information."""
         C, derivatives = self._spectra(vector)
         _, slopes = self._prior(vector)
         return self._traces(derivatives.sandwich(C), derivatives) + np.diag(slopes**2)
@@ -423,7 +423,7 @@ class SampledMotion:
 
     @cached_property
     def input_noise(self) -> Pair:
-        """The pair s = [b; g]: minus what an error of the input does to the residuals."""
+        """The pair s = [b; g]: minus the derivatives of the residuals by an error of the input."""
         return np.stack([np.full_like(self.response, self.gain), self.response])
 
     def residuals(self) -> Pair:

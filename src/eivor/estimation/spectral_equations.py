@@ -75,7 +75,7 @@ RAMP_SAMPLES = 400
 
 @dataclass(frozen=True)
 class SpectralSolution:
-    """Solution of the equations, with what its covariance is made of."""
+    """Solution of the equations, with the parts of its covariance."""
 
     motion: sampling.SampledMotion
     nuisances: Float[np.ndarray, " q"]  # Transient, and ramps
@@ -292,7 +292,7 @@ def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...])
     X = -series_of(C.whitened(direction * motion.record.input), count).reshape(direction.shape[0], -1).T
     Psi = -series_of(C.whitened(orthogonal), count).reshape(direction.shape[0], -1).T
     residual = series_of(C.whitened(solution.residual), count).ravel()
-    # what the input's noise adds to products of instruments with [X y], a mean over rows
+    # the input noise's part of products of instruments with [X y], a mean over rows
     response = motion.input_noise + np.tensordot(theta, direction, 1)
     noisy = C.solved(np.concatenate([direction, response[None]])) * (solution.weights * solution.factors)
     shared = solution.input_variance / count * np.einsum("jkb,lkb->jl", direction.conj(), noisy).real

@@ -113,7 +113,7 @@ def distance_of(plain: Estimate, solution: spectral.SpectralSolution) -> float:
 
 
 def fall_back(name: str, plain: Estimate, error: sampling.SpectraError) -> Estimate:
-    """Generalized IV's answer, with the reason as a warning too."""
+    """Generalized IV's answer, with a warning."""
     answer = substitute(name, plain.with_covariance(EqualWeightedCosines()), *error.args)
     reason = answer.met[-1]
     warnings.warn(f"{reason.sentence} {reason.remedy}", FallbackWarning, stacklevel=user_level())

@@ -419,14 +419,14 @@ class ExponentiallyWeightedProducts:
         return CrossMoments(total.products, self.noise_table(total)[0] / total.products.count)
 
     def noise_table(self, sums: WeightedBlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
-        """What noises add to the products psi [phi' y] of blocks."""
+        """Noises' part of the products psi [phi' y] of blocks."""
         table = np.zeros((sums.blocks, self.waiting.tested, self.waiting.right))
         for number, noise_index in enumerate(self.waiting.noise_indices):
             table[:, *noise_index] = sums.noise[:, number]
         return table
 
     def compensated(self, sums: WeightedBlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
-        """Sums of psi [phi' y] of blocks, without what noises add to them."""
+        """Sums of psi [phi' y] of blocks, without the noises' part."""
         return sums.products.equations - self.noise_table(sums)
 
     def scores(self, sums: WeightedBlockSums, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, "K p"]:

@@ -122,7 +122,7 @@ class SharedMoments:
 
     @cached_property
     def known(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """Products of declared noises."""
+        """C, c of declared noises."""
         return self._shared(self.problem.signals.noise)
 
     def unit(

@@ -30,7 +30,7 @@ Objective = Callable[[Box], Float[np.ndarray, " points"]]
 MOST_POINTS, LEAST_POINTS, BOX_POINTS = 33, 5, 200
 #: The search ends where a box's points are so close, as a share of the first box.
 FINEST = 2.0**-17
-#: Boxes before a search goes on without them, and its evaluations then.
+#: Most boxes of a search, and the evaluations of the simplex search that follows.
 BOX_ROUNDS, EVALUATIONS = 30, 1000
 
 
@@ -121,7 +121,7 @@ class NuisanceProfile:
     objective: Float[np.ndarray, " values"]
 
 
-#: What a search determined: every nuisance's value, the linear parameters there, and the profiles.
+#: Result of a search: every nuisance's value, the linear parameters there, and the profiles.
 Minimum = tuple[dict[str, float], Solution, tuple[NuisanceProfile, ...]]
 
 
@@ -336,7 +336,7 @@ def _step(grid: Float[np.ndarray, " _"], value: float) -> float:
 
 #: Nodes of one nuisance, at least; of several together about so many, at most.
 FEWEST_NODES, MOST_NODES = 17, 400
-#: Sets have so many slices to a node, so many nodes around the estimate: with fewer they end between slices.
+#: Slices to a node, and nodes on each side of the estimate: with fewer, sets end between slices.
 CLOSER, AROUND = 8, 1
 
 
@@ -420,7 +420,7 @@ class Nodes(msgspec.Struct, frozen=True):
     def misfit(
         self, values: Mapping[str, Float[np.ndarray, "*shape"]], known: Mapping[str, Prior]
     ) -> Float[np.ndarray, "*shape"] | float:
-        """Squared distance of values from what is known beforehand, in standard errors."""
+        """Squared distance of values from their priors, in standard errors."""
         named = (axis.nuisance for axis in self.axes if axis.nuisance.name in known)
         return sum((known[item.name].misfit(item.with_others(values)) for item in named), 0.0)
 

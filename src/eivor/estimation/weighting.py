@@ -205,7 +205,7 @@ class EqualRows(RowWeighting):
 RENEWALS = 2
 #: Power never falls below this share of its median, so that no bin takes all the weight.
 POWER_FLOOR = 1e-6
-#: Rows of a column at so many points at once; more would fill the memory.
+#: Most rows of a column over points at once; more would fill the memory.
 BATCH_NUMBERS = 4_000_000
 
 

@@ -121,7 +121,7 @@ def _to_frame(frame: RegionFrame) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
 
 
 def _solution(equations: Equations) -> tuple[Vector, Vector]:
-    """Least squares of the first column on the others, and what brings these to unit length."""
+    """Least squares of the first column on the others, and the scales of these to unit length."""
     scale = column_scale(equations[:, 1:])
     solution = np.linalg.lstsq(equations[:, 1:] * scale, equations[:, 0], rcond=None)[0]
     return solution * scale, scale
@@ -181,7 +181,7 @@ class Allowed:
     outside: Bool[np.ndarray, " k"]
 
     def pieces(self) -> list[tuple[float, float]]:
-        """Union over pairs that follow one another closely: what lies between ends joins to one interval."""
+        """Union over pairs that follow one another closely, whose bounded intervals join to one."""
         inside = self._bounded
         result = [(-inf, inf)] if np.isinf(self.low).any() else []
         if inside.any():

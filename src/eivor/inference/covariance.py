@@ -201,7 +201,7 @@ LARGEST_VARIANCE = 1e250
 
 @dataclass(frozen=True)
 class CovariancePart:
-    """Covariance under one assumption on the residual, and what its intervals are read from."""
+    """Covariance under one assumption on the residual, and the quantiles of its intervals."""
 
     name: str
     matrix: Matrix  # Covariance of the estimates
@@ -301,7 +301,7 @@ LARGEST_ANGLE = 1e-2
 SIGNS, FACTORIALS = (1, -1, -1, 1, 1, -1), np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
 #: Groups of fewer scores save nothing.
 SHORTEST_GROUP = 8
-#: A record of so many samples at most is transformed as a whole.
+#: Longest record [samples] that is transformed as a whole.
 SHORT_RECORD = 4_000
 
 
@@ -354,7 +354,7 @@ def _powers(step: float, length: int) -> Float[np.ndarray, "length powers"]:
     return np.vander(step * offset, len(SIGNS), increasing=True) / FACTORIALS
 
 
-#: Pools of at least so many flights have their covariance clustered by flight as well.
+#: Fewest flights of a pool whose covariance is clustered by flight as well.
 CLUSTERED_FROM = 10
 
 

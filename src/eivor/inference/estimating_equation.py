@@ -33,7 +33,7 @@ class EstimatingEquation:
     slope: Float[np.ndarray, "n n"]
     sample_count: int  # Number of scores
     blocks: Callable[[], Iterable[EquationRows]]
-    #: What is known beforehand adds so much to the covariance of the sum of scores.
+    #: Priors' part of the covariance of the sum of scores.
     prior_covariance: Float[np.ndarray, "n n"] | float = 0.0
     move: Float[np.ndarray, " n"] | None = None
 
@@ -158,7 +158,7 @@ class Products:
         return replace(self, counts=counts, sums=sums)
 
     def resampled(self, blocks: Int[np.ndarray, " k"]) -> Products:
-        """One block, with the rows of the blocks that were drawn, each as often as it was."""
+        """One block, with the rows of the drawn blocks, with repetitions."""
         return self.weighted(np.bincount(blocks, minlength=self.counts.size).astype(np.float64))
 
     def weighted(self, weights: Float[np.ndarray, " F"]) -> Products:

@@ -160,10 +160,10 @@ def homogeneity_p_value(estimates: Rows, variances: Rows) -> float:
 
 #: Members of a group with a prediction, at least, and those below which it should be taken with care.
 FEWEST, FEW = 3, 6
-#: Variances between at which Q is computed, as shares of what the estimates scatter by.
+#: Variances between estimates at which Q is computed, as shares of their scatter.
 GRID = np.concatenate(([0.0], np.geomspace(3e-3, 3e2, 20)))
 _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-#: Probabilities at which the distribution is looked at, and what each counts.
+#: Probabilities at which the distribution is evaluated, and their weights.
 PROBABILITIES, COUNTS = 0.5 + 0.5 * _ROOTS, 0.5 * _WEIGHTS
 #: Steps of the search for a half-width, at most, and the share of it by which a last one moves: what is left
 #: is its square.

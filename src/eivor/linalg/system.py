@@ -24,7 +24,7 @@ Result = TypeVar("Result")
 PASSED_ROWS = 16_384
 #: Rows that are multiplied with each other: a few columns of them fit.
 MULTIPLIED_ROWS = 32_768
-#: Rows of which a copy is made: so many that calls cost nothing, so few that the copy is small.
+#: Rows that are copied at once: calls cost nothing, and the copy is small.
 COPIED_ROWS = 65_536
 #: Columns that LAPACK reduces at a time.
 BLOCKED = 32
@@ -167,7 +167,7 @@ class Solution:
 
 @dataclass(frozen=True, slots=True)
 class ScoreCorrection:
-    """What to add to the test functions of a direct method, and to the sensitivity of its score."""
+    """Corrections of a direct method's test functions and of the sensitivity of its score."""
 
     rows: Float[np.ndarray, "rows n"]  # Added to the regressors
     sensitivity: Float[np.ndarray, "n n"]  # Added to G'G
@@ -193,5 +193,5 @@ class Solver(ABC):
         _error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
         /,
     ) -> ScoreCorrection:
-        """What is added to the score of least squares, for direct equations; nothing by default."""
+        """Correction of the score of least squares, for direct equations; zero by default."""
         return ScoreCorrection(np.zeros((residual.size, theta.size)), np.zeros((theta.size, theta.size)))

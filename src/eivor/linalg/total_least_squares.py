@@ -53,7 +53,7 @@ LARGEST_ROUNDING = 1e-3
 
 
 class UnweightedLeastSquares(Solver):
-    """What the ways to solve a least squares problem have in common: all but the last step."""
+    """Least squares by QR, all but the last step."""
 
     @abstractmethod
     def triangular_solution(self, R: Square, right: Vector, smallest: float, /) -> Vector:
@@ -124,7 +124,7 @@ def smallest_singular_value(R: Square) -> tuple[float, float]:
 
 
 def lost_to_rounding(singular: Vector, size: int) -> bool:
-    """Whether rounding takes more than its share of what a matrix of these singular values is solved for."""
+    """Whether a matrix of these singular values is too ill-conditioned for its rounding."""
     return bool(singular[-1] * LARGEST_ROUNDING <= singular[0] * size * sys.float_info.epsilon)
 
 

@@ -28,14 +28,14 @@ DEGREE, SHARE, LEAST_BINS = 2, 0.2, 15
 JOINT_ABOVE = 0.5
 #: Coherence of reference and output above which noise hides no bend of a response, and its column.
 CLEAR, OUTPUT_COHERENCE = 0.9, 7
-#: A frequency is shown where it is one of so many neighbours with a response of the input of this p-value.
+#: Fewest neighbours with a significant response of the input for a frequency to be shown, and the level.
 NEIGHBOURS, SIGNIFICANT = 3, 0.01
 APART = (1.0 + SHARE) / (1.0 - SHARE)
 #: Frequencies of the default grid, its first in cycles of the longest run, its last as a share of the rate.
 FREQUENCIES, FIRST_CYCLES, LAST_SHARE = 40, 15.0, 0.25
 #: A line of a multisine has more than this share of the power of the strongest one.
 LINE_SHARE = 1e-6
-#: So long must the longest run be [s].
+#: Least length of the longest run [s].
 LEAST_S = 5.0
 #: Runs shorter than this are left out [s].
 SHORTEST_S = 1.0
@@ -51,10 +51,10 @@ ANSWERS = (
     "The reference answers the output, whose past explains {:.2g} % of what is new in it: the bands are "
     "provisional. Give what is set from outside."
 )
-#: Samples of its own past that say what is new in a reference, of the output's, and of all looked at.
+#: Lags of the reference that predict it, lags of the output that are tested, and most rows of the test.
 OWN_PAST, OUTPUT_PAST, MOST_ROWS = 60, 4, 20_000
 NAMES = ("reference", "u", "y")
-#: So much of what is new the output has to explain, so much there has to be, and by chance at most so often.
+#: Least share of the innovation explained by the output, least innovation, and level of the test.
 ANSWERED, NEW, BY_CHANCE = 1e-3, 1e-6, 1e-6
 
 #: One array, or one for each run or flight.
@@ -511,7 +511,7 @@ def _stretches(reference: Arrays, u: Arrays, y: Arrays) -> list[Float[np.ndarray
 
 
 def answered_share(parts: Sequence[Float[np.ndarray, "n 3"]]) -> float:
-    """Share of what is new in a reference that the output's past explains; zero where that may be chance."""
+    """Share of a reference's innovation that the output's past explains; zero where that may be chance."""
     rows: list[np.ndarray] = []
     for part in parts:
         count = min(len(part), MOST_ROWS - sum(len(row) for row in rows)) - OWN_PAST

@@ -31,7 +31,7 @@ DELAY = Parameter("delay", "s")
 #: q of actuators that lag in two stages, q lag^2 w'' + lag w' + w = command, and the shorter of these [s].
 SECOND_STAGE, SECOND_LAG = Parameter("second_stage", ""), "second_lag"
 STAGES = (SECOND_LAG, SECOND_STAGE.name)
-#: Of rates at which actuators follow upward and downward, half the difference over the mean; their lags [s].
+#: Half the difference of actuators' rates upward and downward over their mean; their lags [s].
 ASYMMETRY, LAGS_UP_AND_DOWN = Parameter("lag_asymmetry", ""), ("lag_up", "lag_down")
 #: Its range: one lag is at most four times the other.
 ASYMMETRIES = np.array([-0.6, 0.6])
@@ -93,7 +93,7 @@ def measured_state() -> tuple[Nuisance, Nuisance]:
     return lag.known_at(0.0), replace(delay, grid=TELEMETRY_DELAYS_S, tolerance=1e-9)
 
 
-#: What measurement noises add to the products of rows in time: of [Phi y], and of Psi with [Phi y].
+#: Covariances of the measurement noises of rows in time: of [Phi y], and of Psi with [Phi y].
 RowNoise = tuple[Float[np.ndarray, "n_plus_1 n_plus_1"] | None, Float[np.ndarray, "p n_plus_1"]]
 
 
@@ -115,7 +115,7 @@ class AxisColumns:
     valid: Bool[np.ndarray, " n"] | None = None
     #: Which of the other parameters `moving` gives columns of, where the equation has but some. Default: all.
     moved: tuple[int, ...] | None = None
-    #: Whether what moves is linear in actuators that lag behind held commands, or in samples that are late.
+    #: Whether moving columns are linear in actuators that lag behind held commands, or in late samples.
     linear: bool = False
 
     def counted(self, run: slice) -> Bool[np.ndarray, " length"] | None:
@@ -128,7 +128,7 @@ class AxisColumns:
         return [columns[run] if inside is None else columns[run][inside] for run, inside in counted]
 
     def all_columns(self, nuisances: Values, count: int) -> Float[np.ndarray, "n count"]:
-        """Columns of all parameters, so many, with zeros for those that are not in the equation."""
+        """Columns of all `count` parameters, with zeros for those that are not in the equation."""
         columns = self.moving(nuisances)
         moving = np.zeros((len(columns), count - self.fixed.shape[1]))
         moving[:, list(range(columns.shape[1]) if self.moved is None else self.moved)] = columns
@@ -249,7 +249,7 @@ class LaggedRuns(SeparableProblem):
     _memo: dict[tuple[float, ...], list[np.ndarray]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
-    #: Rows of the values that were asked for last.
+    #: Rows of the latest values.
     _latest: dict[tuple[float, ...], SpectralRegression] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -372,7 +372,7 @@ class LaggedRuns(SeparableProblem):
         return every if axis_columns.moved is None else axis_columns.moved
 
     def _padded(self, blocks: list[np.ndarray]) -> list[np.ndarray]:
-        """Moving columns of every run at their places, with zeros for what is not in its equation."""
+        """Moving columns of every run at their places, with zeros for those not in its equation."""
         results = []
         for (column, _), block in zip(self._cut(), blocks, strict=True):
             padded = np.zeros((block.shape[0], len(self.parameters) - column.fixed.shape[1]), block.dtype)

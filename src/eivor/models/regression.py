@@ -26,7 +26,7 @@ from eivor.tools import Float, Int
 
 PerRow = Float[np.ndarray, " rows"]
 
-#: Lags of one channel: each is a column of every row, and more of them no record can distinguish .
+#: Lags of one channel: each is a column of every row, and more of them no record can distinguish.
 MOST_LAGS = 10_000
 
 

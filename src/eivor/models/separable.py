@@ -98,7 +98,7 @@ Number = TypeVar("Number", float, np.ndarray)
 Values = Mapping[str, float]
 ManyValues = Mapping[str, Float[np.ndarray, " points"]]
 
-#: So many tolerances from an end a search stands at it.
+#: Tolerances from an end within which a search stands at it.
 AT_END = 10.0
 #: Half-step of numerical derivatives, as a share of the value or of the grid's span.
 DIFFERENCE = 1e-3
@@ -191,7 +191,7 @@ class Nuisance:
         return float(self.grid[0])
 
     def misfit(self, nuisance_values: Values) -> float:
-        """Squared distance of its value from what is known beforehand, in standard errors."""
+        """Squared distance of its value from its prior, in standard errors."""
         return 0.0 if self.prior is None else self.prior.misfit(self.with_others(nuisance_values))
 
     def with_others(self, numbers: Mapping[str, Number]) -> Number:

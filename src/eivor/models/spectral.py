@@ -17,9 +17,9 @@ PerBin = Float[np.ndarray, " bins"]
 #: Share of a run that is tapered at each end, and the band's lowest frequency in cycles per run.
 TAPER_SHARE = 0.05
 LOWEST_CYCLES = 1.5
-#: Samples are transformed in so many parts at most.
+#: Most parts in which samples are transformed.
 MOST_PARTS = 8
-#: So long is the taper before and after samples that do not count [s].
+#: Length of the taper before and after samples that do not count [s].
 TAPER_S = 0.1
 #: Runs that last this long or longer lose a straight line in time besides their mean: thrust of one command
 #: drifts while a battery empties and motors warm [s].
@@ -170,7 +170,7 @@ def _taper(counted: Bool[np.ndarray, " length"], edge: int) -> Float[np.ndarray,
     return np.asarray(0.5 * (1.0 - np.cos(np.pi * distance / edge)))
 
 
-#: Bins within that factor of a frequency are averaged for its density, and so many at least.
+#: Factor of frequency within which bins are averaged for a density, and the fewest bins.
 AVERAGED_OVER, LEAST_BINS = 1.6, 8
 
 

@@ -30,7 +30,7 @@ Vector = Float[np.ndarray, " n"]
 SHARE, LEAST_BINS, LINEAR = 0.08, 10, 0.1
 #: Band of these points [Hz], and the fewest of them.
 BAND_HZ, FEWEST = (0.4, 20.0), 6
-#: The variances of noise are smoothed over so many neighbours to both sides.
+#: Neighbours to both sides over which variances of noise are smoothed.
 SMOOTHED = 3
 #: Parameters by name: lowest and highest value, and unit. The gain has a sign and no bounds.
 PARAMETERS = {
@@ -57,9 +57,9 @@ UNION = 4.0
 STEPS, ENOUGH = 40, 1e-8
 #: Parameters with profiles: none has a normal error, least of all beside a second lag that is hardly there.
 PROFILED = ("gain", "damping", "delay", "first")
-#: Half-width of the logarithm of what is not known at all.
+#: Half-width of the logarithm of an undetermined quantity.
 UNKNOWN = 10.0
-#: For each draw at the edge of the region so many are proposed, at such distances over those of a normal one.
+#: Proposals for each draw at the edge of the region, and the range of their distances over a normal one's.
 PROPOSED, NEAR_EDGE = 40, (0.6, 1.6)
 #: Directions in the complex plane in which a measured loop may be off.
 DIRECTIONS = 36
@@ -213,7 +213,7 @@ class _Minimum:
         return np.asarray(self.spread * inverse / np.outer(scale, scale))
 
     def intervals(self, level: float) -> dict[str, tuple[float, float]]:
-        """Intervals of the parameters, and of what follows from them."""
+        """Intervals of the parameters, and of derived quantities."""
         names, best, covariance = self.names, self.best, self.covariance
         t = self.quantile(level)
         errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
@@ -375,7 +375,7 @@ class TransferFunctions:
         return {name: (min(low for low, _ in e), max(high for _, high in e)) for name, e in ends.items()}
 
 
-#: What models of every order have.
+#: Quantities of models of every order.
 SHARED = ("gain", "damping", "delay", "lag")
 
 

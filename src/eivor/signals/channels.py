@@ -78,7 +78,7 @@ BUILT_IN: tuple[CanonicalChannel, ...] = tuple(
     for channel in (_vector(name, **row) if name.endswith("_") else (CanonicalChannel(name, **row),))
 )
 
-#: By name; grows by what motions declare.
+#: Channels by name; motions add theirs.
 _TABLE: dict[str, CanonicalChannel] = {channel.name: channel for channel in BUILT_IN}
 
 

@@ -15,7 +15,7 @@ Rotors = Float[np.ndarray, "n rotors"]
 Columns = Float[np.ndarray, "n columns"]
 
 
-#: Samples of a record that a filter is at at a time: so few stay in a cache.
+#: Samples of a record that are filtered at a time: so few stay in a cache.
 PART = 8_192
 #: Passes of a search for the side from which states approach commands: it ends at the exact one before.
 MOST_PASSES = 20
@@ -211,13 +211,13 @@ def low_passed(values: Columns, *, step_s: float, cutoff_hz: float) -> Columns:
     return filtered
 
 
-#: So many samples to each side make the line; a second of a slow log, and too short for a clock to drift.
+#: Samples to each side of a line's fit: a second of a slow log, and too short for a clock to drift.
 REACH = 25
 #: Fewer backward stamps than this share are slips.
 BACKWARD_SHARE = 0.005
-#: Stamps that go back by more than so many usual distances are of a clock that was set.
+#: Backward step of stamps, in usual distances, beyond which the clock was set.
 FURTHEST = 5.0
-#: A distance of so many usual ones is a pause: lines end there.
+#: Distance, in usual ones, that is a pause: lines end there.
 PAUSE = 10.0
 
 

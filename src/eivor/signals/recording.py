@@ -77,9 +77,9 @@ def utc_time(seconds: float) -> datetime | None:
 
 #: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].
 SILENCE_S = 10.0
-#: Of `Recording.parameters` of simulated flights: how often their controller issues commands [Hz].
+#: Entry of `Recording.parameters` of simulated flights: rate of the controller's commands [Hz].
 CONTROLLER_RATE = "controller_rate_hz"
-#: `Recording.vehicle` of what flies on rotors alone, on rotors whose blades turn, and on wings too.
+#: Words of `Recording.vehicle`: rotors alone, rotors whose blades turn, and wings too.
 ROTARY_WING, HELICOPTER, VTOL = "rotary wing", "helicopter", "VTOL"
 #: Standard acceleration of gravity [m/s^2].
 GRAVITY = 9.80665
@@ -217,7 +217,7 @@ def clean_channel(
 
 
 def _rise(time_s: Float[np.ndarray, " n"]) -> bool:
-    """Whether stamps can be, and strictly increase."""
+    """Whether stamps are in range and strictly increase."""
     ends = (np.abs(time_s[:1]) <= LAST_STAMP_S).all() and (np.abs(time_s[-1:]) <= LAST_STAMP_S).all()
     return bool(ends and (time_s[1:] - time_s[:-1] >= SHORTEST_STEP_S).all())
 
@@ -225,7 +225,7 @@ def _rise(time_s: Float[np.ndarray, " n"]) -> bool:
 def _rising(
     time_s: Float[np.ndarray, " n"], quality: ChannelQuality
 ) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " n"], ChannelQuality]:
-    """Those of finite stamps that rise, evened where they err, which they are, and what was found wrong."""
+    """Finite stamps that rise, evened where they err, their mask, and the quality."""
     time = evened(time_s)
     latest = np.maximum.accumulate(time)
     first = np.ones(time.size, dtype=np.bool_)

@@ -119,7 +119,7 @@ def stretches(mask: Bool[np.ndarray, " n"]) -> list[slice]:
 
 
 def _mask(valid: object) -> Bool[np.ndarray, "*shape"]:
-    """Mask of the samples that count; what a mask of its own hides does not."""
+    """Mask of the samples that count; those that its own mask hides do not."""
     mask = np.ma.filled(valid, False) if np.ma.isMaskedArray(valid) else np.asarray(valid)
     if mask.dtype == np.bool_:
         return mask

@@ -63,7 +63,7 @@ class Periodicity(Diagnostic):
 
     @property
     def p_value(self) -> float:
-        """Of all together, by Bonferroni's bound."""
+        """P-value of all together, by Bonferroni's bound."""
         return min(1.0, len(self.tested) * min(item.p_value for item in self.tested))
 
     @property

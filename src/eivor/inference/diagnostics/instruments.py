@@ -265,7 +265,7 @@ def strength(
     freedom = (rank - count + 1) / max(products.rows - rank, 1.0)
     np.divide(explained, freedom * unexplained, out=white, where=tested)
     np.divide(explained, total, out=partial, where=tested)
-    # each direction of the scores without what the other columns move
+    # each direction of the scores, partialled of the other columns
     basis, projected = orthogonal_factors(a)[0], (projected * unit_scale(explained)[:, None])[:, :, None]
     partial_scores = (directions @ L.reshape(count, -1)).reshape(L.shape)
     partial_scores += partial_scores @ projected @ projected.swapaxes(1, 2) - partial_scores @ basis @ basis.T

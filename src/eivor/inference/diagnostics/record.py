@@ -52,7 +52,7 @@ def hotelling_p_value(W: float, equations: int, averages: int | None) -> float:
 
 #: Level at which a test speaks: four tests of a good estimate are silent together in 96 records of 100.
 SIGNIFICANT = 0.01
-#: Level from which on what a test says is beyond doubt, so that a verdict may rest on it.
+#: Level from which a test is beyond doubt, so that a verdict may rest on it.
 BEYOND_DOUBT = 0.001
 
 
@@ -81,7 +81,7 @@ class Subject:
 
 
 class Diagnostic(ABC):
-    """A statistic with what it is held against, its rows and its sentences."""
+    """A statistic with its thresholds, rows and sentences."""
 
     @abstractmethod
     def rows(self, subject: Subject, /) -> Iterator[Row]:
@@ -195,7 +195,7 @@ def first_stage_of_products(
 
 @dataclass(frozen=True)
 class EquationProducts(Products):
-    """Products of [psi G e] over K successive blocks of time, and what compensation adds."""
+    """Products of [psi G e] over K successive blocks of time, and the compensation."""
 
     shared: Float[np.ndarray, "p n"]
     constant: Float[np.ndarray, " p"]  # C theta - c
