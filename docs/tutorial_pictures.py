@@ -15,7 +15,7 @@ from playwright.sync_api import sync_playwright
 from report_pictures import launched, take
 
 import eivor as ev
-from eivor.cli.tools import fetched, public_logs
+from eivor.cli.tools import local_file, public_logs
 from eivor.report.flight_page import flight_page
 
 IMAGES = Path(__file__).parent / "images" / "tutorial"
@@ -39,7 +39,7 @@ def main() -> None:
 
 def public_log(name: str) -> ev.Recording:
     """Read one of the public logs."""
-    return ev.read_log(fetched(public_logs()[name], folder=Path(pooch.os_cache("eivor"))))
+    return ev.read_log(local_file(public_logs()[name], folder=Path(pooch.os_cache("eivor"))))
 
 
 if __name__ == "__main__":

@@ -100,12 +100,12 @@ class TomlTable:
                 best, depth = number, len(words)
         return best
 
-    def choose(self, key: str, value: str, among: tuple[str, ...]) -> str:
+    def choose(self, key: str, value: str, choices: tuple[str, ...]) -> str:
         """The value of a key, which is one of some words."""
-        if value not in among:
-            expected = f"one of {', '.join(word or repr(word) for word in among)}"
+        if value not in choices:
+            expected = f"one of {', '.join(word or repr(word) for word in choices)}"
             received, remedy = repr(value) if value else "nothing", "Choose one of them."
-            raise self.wrong(key, expected, received, did_you_mean(str(value), among, remedy))
+            raise self.wrong(key, expected, received, did_you_mean(str(value), choices, remedy))
         return value
 
     def _refusal(self, kind: type, text: str) -> InputError:
@@ -115,26 +115,26 @@ class TomlTable:
         expected, received, remedy, line = reason, "another value", "", 0
         declared, value, where = inspect.type_info(kind), self.values, ""
         for name, number in _STEP.findall(path):
-            declared = _inside(declared, name)
+            declared = _type_inside(declared, name)
             value = value[name] if name else value[int(number)]  # type: ignore[index]
             where += f"[{int(number) + 1}]" if number else f".{name}" if where else name
         tables = [item for item in _members(declared) if isinstance(item, inspect.StructType)]
-        known = {item.encode_name: item.type for table in tables for item in table.fields}
+        keys = {item.encode_name: item.type for table in tables for item in table.fields}
         quoted = re.findall(r"`([^`]*)`", reason)
         choices = [item for item in _members(declared) if isinstance(item, inspect.EnumType)]
         if reason.startswith("Object contains unknown"):
-            expected, received = f"no keys but {', '.join(sorted(known))}", f"the unknown key '{quoted[0]}'"
-            remedy = did_you_mean(quoted[0], known, "Remove it.")
+            expected, received = f"no keys but {', '.join(sorted(keys))}", f"the unknown key '{quoted[0]}'"
+            remedy = did_you_mean(quoted[0], keys, "Remove it.")
             line = self._line(".".join(filter(None, (self.path, where, quoted[0]))))
         elif reason.startswith("Object missing"):
-            expected, received = _words(known[quoted[0]]), "nothing"
-            near = nearest_names(quoted[0], [name for name in value if name not in known])
-            remedy = f"Add it.{f''' Is '{near[0]}' meant to be it?''' if near else ''}"
+            expected, received = _words(keys[quoted[0]]), "nothing"
+            nearest = nearest_names(quoted[0], [name for name in value if name not in keys])
+            remedy = f"Add it.{f''' Is '{nearest[0]}' meant to be it?''' if nearest else ''}"
             where = f"{where}.{quoted[0]}" if where else quoted[0]
         elif choices:
-            among = [member.value for member in choices[0].cls]
-            expected, received = f"one of {', '.join(among)}", repr(value)
-            remedy = did_you_mean(str(value), among, "Choose one of them.")
+            allowed = [member.value for member in choices[0].cls]
+            expected, received = f"one of {', '.join(allowed)}", repr(value)
+            remedy = did_you_mean(str(value), allowed, "Choose one of them.")
         else:
             limit = re.search(r"of length .*|[<>]=? .*", reason.partition(" - ")[0])
             expected = f"{_words(declared)}{f' {limit[0]}' if limit else ''}"
@@ -142,7 +142,7 @@ class TomlTable:
         return self.wrong(where, expected, received, remedy, line)
 
 
-def _inside(declared: inspect.Type, name: str) -> inspect.Type:
+def _type_inside(declared: inspect.Type, name: str) -> inspect.Type:
     """Type of a key, or of the items where there is no name."""
     for item in _members(declared):
         if name and isinstance(item, inspect.StructType):
@@ -157,13 +157,13 @@ def _members(declared: inspect.Type) -> tuple[inspect.Type, ...]:
 
 
 def _words(declared: inspect.Type) -> str:
-    """What a value of a type is, in words."""
+    """Type of a value in words."""
     words = []
     for item in _members(declared):
         word, _ = WORDS.get(type(item), ("a table", ""))
         if isinstance(item, inspect.ListType):
-            several = {WORDS.get(type(entry), ("", "tables"))[1] for entry in _members(item.item_type)}
-            word = f"a list of {' or '.join(sorted(several))}"
+            plurals = {WORDS.get(type(entry), ("", "tables"))[1] for entry in _members(item.item_type)}
+            word = f"a list of {' or '.join(sorted(plurals))}"
         if not isinstance(item, inspect.NoneType):
             words.append(word)
     return " or ".join(words)

@@ -228,11 +228,11 @@ def _log(base, content=CONTENT):
 
 def test_a_log_is_fetched_once(server, tmp_path):
     folder = tmp_path / "cache"
-    path = tools.fetched(_log(server), folder=folder)
+    path = tools.local_file(_log(server), folder=folder)
     assert path == folder / "x.ulg"
     assert path.read_bytes() == CONTENT
     (tmp_path / "origin" / "x.ulg").unlink()
-    assert tools.fetched(_log(server), folder=folder) == path
+    assert tools.local_file(_log(server), folder=folder) == path
 
 
 def test_what_cannot_be_fetched_is_told(server, tmp_path):
@@ -246,7 +246,7 @@ def test_what_cannot_be_fetched_is_told(server, tmp_path):
         (server, "a file", "EIVOR_CACHE"),
     ):
         with pytest.raises(InputError, match=words):
-            tools.fetched(_log(base), folder=tmp_path / folder)
+            tools.local_file(_log(base), folder=tmp_path / folder)
     assert (tmp_path / "x.ulg").read_bytes() == b"damage"
 
 

@@ -24,7 +24,7 @@ from eivor.logs.common import KeptChannels
 from eivor.logs.crazyflie import SOURCES, TO_LOG
 from eivor.logs.dataflash import channels, messages, sources
 from eivor.logs.dataflash.messages import Messages, find_offsets, read_layouts
-from eivor.logs.rosbag.messages import decoded, message_layout, parsed_types
+from eivor.logs.rosbag.messages import decode, message_layout, parsed_types
 from eivor.logs.table.columnar import write_recording
 from eivor.logs.ulog.channels import ulog_origin
 from eivor.motions.vertical.select import INPUTS
@@ -369,7 +369,7 @@ def test_definitions_with_fields_of_another_kind(tmp_path, monkeypatch, kind, ho
         """As decoded, but one field of one topic is of another kind."""
         key = (payloads[0], len(payloads))
         if key not in cache:
-            cache[key] = decoded(payloads, layout_of)
+            cache[key] = decode(payloads, layout_of)
             known.extend((key, name) for name in cache[key][0])
         fields = dict(cache[key][0])
         for name in [name for item, name in wanted if item == key]:
@@ -378,7 +378,7 @@ def test_definitions_with_fields_of_another_kind(tmp_path, monkeypatch, kind, ho
         return fields, *cache[key][1:]
 
     cache, wanted = {}, []
-    monkeypatch.setattr("eivor.logs.rosbag.messages.decoded", changed)
+    monkeypatch.setattr("eivor.logs.rosbag.messages.decode", changed)
     whole = ev.read_log(bag)
     assert len(known) > 50
     of_topics = [

@@ -31,7 +31,7 @@ from eivor.lab.disturbances import (
     VarianceSwitch,
     paper_disturbance,
 )
-from eivor.lab.records import Control, DisturbanceRoute, moved
+from eivor.lab.records import Control, DisturbanceRoute, respond
 from eivor.signals.recording import GRAVITY
 from eivor.simulation.excitation import (
     DrydenGust,
@@ -379,7 +379,7 @@ def test_altitude_follows_its_reference():
     assert result.truth.channel("position_z")[-1] == pytest.approx(1.0, abs=1e-8)
     assert result.truth.channel("position_z")[0] == 0.0
     np.testing.assert_array_equal(result.signals.channel("reference_position_z"), 1.0)
-    pushed, _, altitude = moved(steps, np.zeros(1500), np.full(1500, 0.3))
+    pushed, _, altitude = respond(steps, np.zeros(1500), np.full(1500, 0.3))
     assert altitude[-1] == pytest.approx(0.0, abs=1e-7)
     assert pushed[-1] == pytest.approx(-0.3 / K_U, rel=1e-6)
 

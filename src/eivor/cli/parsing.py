@@ -74,15 +74,15 @@ def parse_lag(text: str) -> Prior | Bounds:
         name = text.removeprefix(TYPICAL)
         checks.index_of("a class of vehicles", name, TYPICAL_LAGS, "Or give the lag: --lag 70:15.")
         return TYPICAL_LAGS[name]
-    between = ".." in text
-    pair = parse_pair(text, ".." if between else ":", (math.nan, math.nan))
-    first, second = (1e-3 * number for number in pair)
-    if 0.0 < (second if between else first) < 1e-3:  # no actuator is so quick
-        likely = (".." if between else ":").join(f"{1e3 * number:g}" for number in pair)
+    bounded = ".." in text
+    numbers = parse_pair(text, ".." if bounded else ":", (math.nan, math.nan))
+    first, second = (1e-3 * number for number in numbers)
+    if 0.0 < (second if bounded else first) < 1e-3:  # no actuator is so quick
+        likely = (".." if bounded else ":").join(f"{1e3 * number:g}" for number in numbers)
         raise UsageError("a lag in milliseconds", f"'{text}', less than one", f"Of seconds: --lag {likely}.")
-    if between and 0.0 <= first <= second < math.inf:
+    if bounded and 0.0 <= first <= second < math.inf:
         return Bounds(first, second)
-    if not between and 0.0 < first < math.inf and 0.0 < second < math.inf:
+    if not bounded and 0.0 < first < math.inf and 0.0 < second < math.inf:
         return Prior(first, second)
     raise UsageError(
         "a lag MS:STD, mean and standard deviation in milliseconds, both above zero; or bounds LOW..HIGH; or "
@@ -147,11 +147,11 @@ def identified(
 ) -> LogEstimate:
     """Results of the logs."""
     for recording in recordings:
-        known = {"references", "lags", *recording.channels}
-        absent = ", ".join(f"'{name}'" for name in options.instruments if not family_members(name, known))
+        allowed = {"references", "lags", *recording.channels}
+        absent = ", ".join(f"'{name}'" for name in options.instruments if not family_members(name, allowed))
         if absent:
             remedy = "Name some that eivor inspect lists, or references, or lags."
-            remedy = did_you_mean(absent.strip("'"), known, remedy)
+            remedy = did_you_mean(absent.strip("'"), allowed, remedy)
             raise UsageError(f"channels of {recording.name} as instruments", absent, remedy)
     try:
         return identify_log(recordings, options, windows=windows, models=motions, progress=progress)
@@ -183,12 +183,12 @@ def read_logs(words: LogWords, options: FlightOptions) -> tuple[list[Recording],
             f"--example with --map {channel_map}",
             "Leave the map out: the example has canonical channels.",
         )
-    read, paths = {}, [path for path, _ in logs]
+    loaded, paths = {}, [path for path, _ in logs]
     for path in dict.fromkeys(paths):
         typed = str(path)
         with step(f"Reading {path.name}"), named(typed, several=len(logs) > 1), here(typed) as file:
-            read[path] = read_log(file, channel_map=channel_map or None)
-    recordings = [read[path] for path in paths]
+            loaded[path] = read_log(file, channel_map=channel_map or None)
+    recordings = [loaded[path] for path in paths]
     if words.example:
         paths, recordings = [Path(EXAMPLE_FLIGHT)], [example_flight()]
     return named_flights(paths, windows, recordings, options), windows
@@ -220,12 +220,12 @@ _REMEDY = (
 
 def declared_noise(texts: Iterable[str]) -> Mapping[str, Declared] | str | None:
     """Noise by channel of ``NAME=STD``, ``NAME=density:D,bandwidth:HZ,step:S``, or ``estimate``."""
-    given, noises = [text.strip() for text in texts], dict[str, Declared]()
-    if given == [ESTIMATE]:
+    entries, noises = [text.strip() for text in texts], dict[str, Declared]()
+    if entries == [ESTIMATE]:
         return ESTIMATE
-    if ESTIMATE in given:
-        raise UsageError("--noise estimate alone", f"{len(given)} of --noise", "Leave out the others.")
-    for text in given:
+    if ESTIMATE in entries:
+        raise UsageError("--noise estimate alone", f"{len(entries)} of --noise", "Leave out the others.")
+    for text in entries:
         name, values = (part.strip() for part in text.partition("=")[::2])
         if name in noises:
             raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
@@ -254,26 +254,26 @@ def _declared(name: str, values: list[str]) -> Declared:
     return DataSheet(**sheet)
 
 
-def _number(name: str, text: str, what: str) -> tuple[float, str]:
+def _number(name: str, text: str, kind: str) -> tuple[float, str]:
     matched = _NUMBER.fullmatch(text)
     if matched is None or not 0.0 <= float(matched[1]) < math.inf:
-        raise UsageError(f"a {what} of zero or more for {name}", f"'{text}'", _REMEDY)
+        raise UsageError(f"a {kind} of zero or more for {name}", f"'{text}'", _REMEDY)
     return float(matched[1]), matched[2].strip()
 
 
-def _size(name: str, text: str, what: str) -> float:
+def _size(name: str, text: str, kind: str) -> float:
     """A size in the channel's SI unit; a noise density may be in its unit over the root of a hertz."""
-    value, unit = _number(name, text, what)
-    if what == "density":
+    value, unit = _number(name, text, kind)
+    if kind == "density":
         unit = unit.removesuffix("/sqrt(Hz)").removesuffix("/rtHz")
     if not unit:
         return value
     channel = canonical_channel(name)
     si_unit, to_si = UNITS.get(unit, ("", math.nan))
     if math.isnan(to_si) or (channel is not None and not unit_fits(channel, si_unit)):
-        known = f"{channel.unit}, or a unit of that kind" if channel and channel.unit else "its unit"
+        expected = f"{channel.unit}, or a unit of that kind" if channel and channel.unit else "its unit"
         remedy = f"Units are {', '.join(word for word in UNITS if word)}."
-        raise UsageError(f"a {what} of {name} in {known}", f"'{text}', in {unit}", remedy)
+        raise UsageError(f"a {kind} of {name} in {expected}", f"'{text}', in {unit}", remedy)
     return value * to_si
 
 
@@ -285,8 +285,8 @@ def named_motions(name: str, vehicle: str = "", machine: str = "") -> tuple[Moti
     if not machine:
         return motions_of((name,) if name else (), vehicle)
     if name or vehicle:
-        other = f"--vehicle {vehicle}" if vehicle else f"--model {name}"
-        raise UsageError("--machine alone", f"--machine {machine} with {other}", "Leave out one of them.")
+        typed = f"--vehicle {vehicle}" if vehicle else f"--model {name}"
+        raise UsageError("--machine alone", f"--machine {machine} with {typed}", "Leave out one of them.")
     return (load_machine(machine),)
 
 

@@ -66,12 +66,12 @@ def public_logs() -> Mapping[str, PublicLog]:
     return logs
 
 
-def fetched(log: PublicLog, *, folder: Path) -> Path:
+def local_file(log: PublicLog, *, folder: Path) -> Path:
     """Local file of a public log; downloaded when it is not there yet, its hash checked in any case."""
     import pooch
 
     pooch.get_logger().setLevel("ERROR")
-    kept = folder / log.file_name
+    target = folder / log.file_name
     try:
         to = {"fname": log.file_name, "path": folder}
         patient = pooch.HTTPDownloader(timeout=TIMEOUT_S)
@@ -83,7 +83,7 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
             "Try again later; nothing was kept. If it persists, the file has changed at its origin.",
         ) from error
     except OSError as error:  # every error of requests is one
-        wrong = f"; and '{kept}' is there with another content" if kept.is_file() else ""
+        wrong = f"; and '{target}' is there with another content" if target.is_file() else ""
         raise InputError(
             f"a download of {log.url} to {folder}",
             f"{_cause(error)}{wrong}",
@@ -132,7 +132,7 @@ def fetch(
 
     folder = Path(os.environ.get(CACHE_VARIABLE) or pooch.os_cache("eivor")).expanduser()
     with cli.step(f"Downloading {log.file_name}"):
-        path = fetched(log, folder=folder)
+        path = local_file(log, folder=folder)
     cli.write(f"{path}\n")
 
 
@@ -168,9 +168,9 @@ def inspect(
     with cli.step(f"Inspecting {recording.name}"):
         part = options if window is None else replace(options, window=window)
         inspected = inspection.inspection(recording, part, motion)
-    made = inspection.calibration_document if calibration else inspection.inspection_document
+    make = inspection.calibration_document if calibration else inspection.inspection_document
     cli.deliver_result(
-        lambda: on_terminal(made(inspected)), lambda: json_text(inspection.inspection_json(inspected)), json
+        lambda: on_terminal(make(inspected)), lambda: json_text(inspection.inspection_json(inspected)), json
     )
 
 
@@ -259,35 +259,35 @@ def plan(
         limits = FlightLimits((low, high), speed, acceleration, tilt, time)
     shape = shape or ("steps" if qgc else "")
     with cli.step("Planning"):
-        made = planned(fit or vehicle, target=for_what, limits=limits, shape=shape, seed=seed, seconds=time)
+        result = planned(fit or vehicle, target=for_what, limits=limits, shape=shape, seed=seed, seconds=time)
     position = parsing.position_of(home) if home else None
-    if isinstance(made, MachinePlan):
-        texts = {csv: made.csv_text()} if csv else {}
+    if isinstance(result, MachinePlan):
+        texts = {csv: result.csv_text()} if csv else {}
     else:
-        texts = {files[name]: WRITTEN[name].text(made, position) for name in WRITTEN if files.get(name)}
+        texts = {files[name]: WRITTEN[name].text(result, position) for name in WRITTEN if files.get(name)}
     cli.deliver_result(
-        lambda: on_terminal(plan_document(made)),
-        lambda: json_text(plan_json(made)),
+        lambda: on_terminal(plan_document(result)),
+        lambda: json_text(plan_json(result)),
         json,
         *(partial(cli.write_out, text, path) for path, text in texts.items()),
     )
-    if not made.is_informative:
+    if not result.is_informative:
         cli.complain(
             "The plan is not identified in most of its simulations, or by the formula.",
             "Give it more time, or wider limits.",
         )
-    return cli.ExitCode.IDENTIFIED if made.is_informative else cli.ExitCode.NOT_IDENTIFIED
+    return cli.ExitCode.IDENTIFIED if result.is_informative else cli.ExitCode.NOT_IDENTIFIED
 
 
 def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path:
-    given = {name: value for name, value in rough.items() if value is not None}
-    if source and given:
+    typed = {name: value for name, value in rough.items() if value is not None}
+    if source and typed:
         raise UsageError(
             "a result, or rough numbers as options",
-            f"'{source}' and {', '.join(f'--{name}' for name in given)}",
+            f"'{source}' and {', '.join(f'--{name}' for name in typed)}",
             "Leave out one of them.",
         )
-    numbers: dict[str, Any] = {ROUGH[name]: value for name, value in given.items()}
+    numbers: dict[str, Any] = {ROUGH[name]: value for name, value in typed.items()}
     return Path(source) if source else VehicleGuess(**numbers)
 
 
@@ -295,7 +295,7 @@ NEW_FILE = cli.argument("[FILE.toml]", "Where to; without it, it is printed.")
 
 
 def _shipped_group(
-    what: str,
+    noun: str,
     about: str,
     titles: tuple[str, ...],
     rows: Callable[[], Iterable[tuple[str, ...]]],
@@ -303,14 +303,14 @@ def _shipped_group(
     text: Callable[[str], str],
     names: str,
 ) -> typer.Typer:
-    app = cli.group(what, about)
+    app = cli.group(noun, about)
     name_or_file = cli.argument("NAME|FILE.toml", "A name out of the list, or a file.", names)
 
-    @cli.command(app, "list", f"List the {what}s that come with Eivor.")
+    @cli.command(app, "list", f"List the {noun}s that come with Eivor.")
     def list_shipped() -> None:
         cli.show_table(titles, rows())
 
-    @cli.command(app, about=f"Check a {what}'s file, and print it.")
+    @cli.command(app, about=f"Check a {noun}'s file, and print it.")
     def show(file: Annotated[str, cli.Reads()] = name_or_file) -> None:
         load(file)
         cli.write(text(file))
@@ -318,10 +318,10 @@ def _shipped_group(
     return app
 
 
-def _begun(what: str, text: str, file: str) -> None:
+def _write_template(noun: str, text: str, file: str) -> None:
     is_file = file != cli.STANDARD_OUTPUT
     if is_file and Path(file).suffix != ENDING:
-        raise UsageError(f"{what} file that ends in {ENDING}", f"'{file}'", "Add the ending.")
+        raise UsageError(f"{noun} file that ends in {ENDING}", f"'{file}'", "Add the ending.")
     if is_file and os.path.lexists(file):
         received = f"'{file}', which would be lost"
         raise UsageError("a file that does not exist yet", received, "Choose another name.")
@@ -344,7 +344,7 @@ vehicle = _shipped_group(
 @cli.command(vehicle, "new")
 def new_vehicle(file: Annotated[str, NEW_FILE, cli.Writes()] = cli.STANDARD_OUTPUT) -> None:
     """Write a vehicle file to begin with: every key, with what it means."""
-    _begun("a vehicle", vehicle_files.vehicle_template(), file)
+    _write_template("a vehicle", vehicle_files.vehicle_template(), file)
 
 
 machine = _shipped_group(
@@ -375,7 +375,7 @@ def new_machine(
 ) -> None:
     """Write a machine's file to begin with: a shipped one, to be changed."""
     checks.index_of("a machine", like, shipped_machines())
-    _begun("a machine", machine_text(like), file)
+    _write_template("a machine", machine_text(like), file)
 
 
 def track(typed: SimpleNamespace) -> cli.ExitCode:

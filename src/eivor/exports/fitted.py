@@ -76,7 +76,7 @@ def known_number(value: float, std: float = 0.0) -> KnownNumber:
 
 @dataclass(frozen=True, slots=True)
 class Supplied:
-    """What a user knows beside the flight."""
+    """Prior knowledge of the user."""
 
     mass: KnownNumber | None = None  # [kg]
     priors: Mapping[str, KnownNumber] = field(default_factory=dict)
@@ -88,16 +88,16 @@ class Supplied:
 
     def number(self, name: str) -> Number | None:
         """A prior as it is written; None where none is given."""
-        given = self.priors.get(name)
-        return None if given is None else Number(given.value, given.interval, "given")
+        prior = self.priors.get(name)
+        return None if prior is None else Number(prior.value, prior.interval, "given")
 
     def check_only(self, names: tuple[str, ...], target: str, *, body: bool) -> None:
-        """Refuse what a target has no use for: it would be thought to count."""
-        given = {
+        """Refuse inputs that a target ignores: a user would expect an effect."""
+        inputs = {
             "mass": self.mass and f"{self.mass.value} kg",
             "vehicle": self.vehicle and f"'{self.vehicle.name}'",
         }
-        for name, received in given.items():
+        for name, received in inputs.items():
             if received and not body:
                 expected = f"no {name} for {target}, which is made of ratios"
                 raise UsageError(expected, received, "Leave it out.")
@@ -175,7 +175,7 @@ class Fitted:
         return name in self.quantities and self.quantities[name].verdict in verdicts
 
     def lacking(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Those that are not."""
+        """Names of quantities that are not identified."""
         return tuple(name for name in names if not self.is_identified(name))
 
     def source(self, *names: str) -> str:
@@ -211,9 +211,9 @@ class Fitted:
 
     def needed(self, names: Iterable[str], supplied: Supplied, target: str) -> dict[str, Number]:
         """Quantities that a target cannot do without: identified, or else given."""
-        known = {name: self.identified_number(name) or supplied.number(name) for name in names}
-        numbers = {name: number for name, number in known.items() if number is not None}
-        missing = [name for name in known if name not in numbers]
+        candidates = {name: self.identified_number(name) or supplied.number(name) for name in names}
+        numbers = {name: number for name, number in candidates.items() if number is not None}
+        missing = [name for name in candidates if name not in numbers]
         if missing:
             priors = " ".join(f"--prior {name}=VALUE:STD" for name in missing)
             raise NotIdentifiedError(
@@ -235,8 +235,8 @@ class Exported:
     """A file's content."""
 
     text: str | bytes
-    omitted: tuple[str, ...] = ()  # What is not identified
-    lost: tuple[str, ...] = ()  # What is identified and the target cannot hold
+    omitted: tuple[str, ...] = ()  # Quantities that are not identified
+    lost: tuple[str, ...] = ()  # Effects that are identified and the target cannot represent
 
 
 class Target(msgspec.Struct, frozen=True):

@@ -82,17 +82,17 @@ def kept_process(function: Callable[[Any], Any], limits: process_pool.Limits) ->
     return _KEPT[thread][0]
 
 
-#: What says which log and content a row is of, and what is known of a log that was tried to be opened.
+#: Columns that identify the log and content of a row, and those that hashing a log fills.
 KEY, HASHED = ["sha256", "name"], ("sha256", "problem")
 
 
 def _work_of(logs: pl.DataFrame, rows: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]:
     """Logs that could be opened; of each content without a row the first by name; copies without a row."""
     opened = logs.filter(pl.col("sha256").is_not_null())
-    there = rows.filter(pl.col("verdict") != table.COPY).unique("sha256", keep="last", maintain_order=True)
+    existing = rows.filter(pl.col("verdict") != table.COPY).unique("sha256", keep="last", maintain_order=True)
     firsts = pl.concat(
         [
-            there.select("sha256", first="name", is_there=True),
+            existing.select("sha256", first="name", is_there=True),
             opened.group_by("sha256").agg(first=pl.col("name").min()).with_columns(is_there=False),
         ]
     ).unique("sha256", keep="first", maintain_order=True)
@@ -110,7 +110,7 @@ MERGE_S, MERGE_TIMES = 60.0, 20.0
 
 @dataclass(frozen=True, slots=True)
 class FleetRun:
-    """What a run has done."""
+    """Result of a run."""
 
     logs: int  # logs that were found, each of which has a row
     before: int  # those whose row was there already
@@ -120,7 +120,7 @@ class FleetRun:
     elsewhere: int  # further rows of the motion in the folder, of logs that were not among these
 
 
-def _all_hashed(logs: tuple[Log, ...]) -> tuple[Log, ...]:
+def _hash_page(logs: tuple[Log, ...]) -> tuple[Log, ...]:
     return tuple(map(hashed, logs))
 
 
@@ -147,11 +147,11 @@ def run_fleet(
             folder.mkdir(parents=True, exist_ok=True)
     fleet_folder = table.FleetFolder(folder)
     fleet_folder.check(options)
-    with table.report_fleet_errors(folder), held(folder):
-        shard, alone = Shard(fleet_folder.begin(), options, page_of), process_pool.InProcess()
+    with table.report_fleet_errors(folder), hold(folder):
+        shard, local = Shard(fleet_folder.begin(), options, page_of), process_pool.InProcess()
         try:
-            logs = _hashed(logs_found.logs, executor if shared and executor else alone)
-            return _done(shard, logs_found, logs, executor or alone, progress)
+            logs = _hash_logs(logs_found.logs, executor if shared and executor else local)
+            return _run_shard(shard, logs_found, logs, executor or local, progress)
         except table.SupersededError as error:
             raise _taken_over(folder) from error
         finally:
@@ -159,7 +159,7 @@ def run_fleet(
                 _KEPT.popitem()[1][0].close()
 
 
-def held(folder: Path) -> AbstractContextManager[None]:
+def hold(folder: Path) -> AbstractContextManager[None]:
     """Hold a folder; elsewhere there are no locks, and a run ends the writing of those before it."""
     return folder_lock(folder) if is_local(folder) else nullcontext()
 
@@ -167,12 +167,12 @@ def held(folder: Path) -> AbstractContextManager[None]:
 def compact_fleet(folder: Path) -> tuple[int, int]:
     """Take all rows of a fleet into its table, and count its rows and its files."""
     table.read_flights(folder, ["name"])
-    with table.report_fleet_errors(folder), held(folder):
+    with table.report_fleet_errors(folder), hold(folder):
         table.FleetFolder(folder).begin().merge()
     return table.read_flights(folder, ["name"]).height, len(table.part_files(folder))
 
 
-def _done(
+def _run_shard(
     shard: Shard,
     logs_found: LogsFound,
     logs: pl.DataFrame,
@@ -186,10 +186,10 @@ def _done(
         folder.state(options)
     folder.replace_unopened(logs, options)
     progress(before, total)
-    motion, due, done = options.chosen_motion(), time.monotonic() + MERGE_S, before
+    motion, due, count = options.chosen_motion(), time.monotonic() + MERGE_S, before
     for rows in _mapped(executor, shard, new):
-        done += rows
-        progress(done, total)
+        count += rows
+        progress(count, total)
         if (start_s := time.monotonic()) > due:
             folder.merge(motion)
             due = time.monotonic() + max(MERGE_S, MERGE_TIMES * (time.monotonic() - start_s))
@@ -197,32 +197,32 @@ def _done(
         firsts = zip(LogList(part), part["first"], strict=True)
         folder.write([table.copy_row(options.row_of(log), first) for log, first in firsts])
     folder.merge(motion)
-    there = folder.opened_rows(options.motion)
+    stored = folder.opened_rows(options.motion)
     if shard.page_of is not None:
         with closing(table.reports_there(folder.folder)) as reports:
             reported = pl.DataFrame({"sha256": list(reports)}, schema={"sha256": pl.String})
-        results = there.filter(~pl.col("verdict").is_in([table.COPY, table.FAILED]))
-        wanted = logs.join(results, on=KEY, how="semi", maintain_order="left")
-        wanted = wanted.join(reported, on="sha256", how="anti", maintain_order="left")
-        for _ in _mapped(executor, replace(shard, only_reports=True), wanted):
+        results = stored.filter(~pl.col("verdict").is_in([table.COPY, table.FAILED]))
+        unreported = logs.join(results, on=KEY, how="semi", maintain_order="left")
+        unreported = unreported.join(reported, on="sha256", how="anti", maintain_order="left")
+        for _ in _mapped(executor, replace(shard, only_reports=True), unreported):
             pass
     progress(total, total)
-    verdicts = Counter(there.join(opened, on=KEY, how="semi")["verdict"])
+    verdicts = Counter(stored.join(opened, on=KEY, how="semi")["verdict"])
     rows = verdicts.total()
     if rows != opened.height:
         raise _taken_over(folder.folder)
     verdicts[table.FAILED] += total - rows
     others, unread = logs_found.others, logs_found.unread_folders
-    return FleetRun(total, before, +verdicts, others, unread, there.height - rows)
+    return FleetRun(total, before, +verdicts, others, unread, stored.height - rows)
 
 
-def _hashed(logs: LogList, executor: process_pool.Executor) -> pl.DataFrame:
-    """The list with the hash of each log, or why it cannot be opened; no second list is made."""
+def _hash_logs(logs: LogList, executor: process_pool.Executor) -> pl.DataFrame:
+    """The list with the hash of each log, or the reason why it cannot be opened."""
     pages: dict[int, pl.DataFrame] = {}
-    with closing(executor.map(_all_hashed, logs.pages())) as results:
+    with closing(executor.map(_hash_page, logs.pages())) as results:
         for number, page in results:
-            known = [(log.sha256 or None, log.problem) for log in page]
-            pages[number] = pl.DataFrame(known, schema=dict.fromkeys(HASHED, pl.String), orient="row")
+            hashes = [(log.sha256 or None, log.problem) for log in page]
+            pages[number] = pl.DataFrame(hashes, schema=dict.fromkeys(HASHED, pl.String), orient="row")
     return logs.table.with_columns(pl.concat([pages[number] for number in sorted(pages)]))
 
 

@@ -70,8 +70,8 @@ def _hash(value: int, factor: int) -> Callable[[Words], Words]:
 
     def hashed(word: Words) -> Words:
         nonlocal value
-        before, value = value, value * factor & 0xFFFFFFFF
-        word = (word ^ np.uint32(before)) * np.uint32(value)
+        previous, value = value, value * factor & 0xFFFFFFFF
+        word = (word ^ np.uint32(previous)) * np.uint32(value)
         return word ^ word >> np.uint32(16)
 
     return hashed
@@ -102,11 +102,11 @@ class Experiment(ABC):
 
     def records(self, seed: int, numbers: Sequence[int]) -> Records | None:
         """Records of trials, those of `record`; None where they are not alike, with white noises."""
-        made = [self.record(stream(seed, number)) for number in numbers]
-        first, white = made[0], all(isinstance(noise, WhiteNoise) for noise in made[0].noise.values())
-        if not white or first.valid is not None or any(item.noise != first.noise for item in made):
+        signals = [self.record(stream(seed, number)) for number in numbers]
+        first, white = signals[0], all(isinstance(noise, WhiteNoise) for noise in signals[0].noise.values())
+        if not white or first.valid is not None or any(item.noise != first.noise for item in signals):
             return None
-        return first, {name: np.stack([item.channels[name] for item in made]) for name in first.channels}
+        return first, {name: np.stack([item.channels[name] for item in signals]) for name in first.channels}
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,13 +207,13 @@ class DifferenceEquation(Experiment):
         if self.noise_to_signal or len(white) < len(noise):
             return None
         is_builtin = type(self.excitation).__module__ == Excitation.__module__ and self.disturbance is None
-        drawn = [] if is_builtin else [[stream(seed, number, i) for i in (0, 1)] for number in numbers]
+        sources = [] if is_builtin else [[stream(seed, number, i) for i in (0, 1)] for number in numbers]
         noisy = [source for source, name in enumerate(SOURCES) if name in noise and noise[name].std]
-        made = streams(seed, numbers, noisy if drawn else (0, *noisy))
-        channels = self._true(drawn or ([next(made)] for _ in numbers))
+        generators = streams(seed, numbers, noisy if sources else (0, *noisy))
+        channels = self._true(sources or ([next(generators)] for _ in numbers))
         for name in (SOURCES[source] for source in noisy):
             for series in channels[name]:
-                np.add(series, noise[name].sample(self.samples, next(made)), out=series)
+                np.add(series, noise[name].sample(self.samples, next(generators)), out=series)
         first = {name: series[0] for name, series in channels.items()}
         return Signals(self.rate_hz, first, noise=noise), channels
 
@@ -222,10 +222,10 @@ class DifferenceEquation(Experiment):
     ) -> dict[str, Float[np.ndarray, "trials n"]]:
         """Channels without noise of records, each with its streams."""
         step_s, inputs, pushes = 1.0 / self.rate_hz, [], []
-        for each in sources:
-            inputs.append(self.excitation.sample(self.samples, step_s, each[0]))
+        for generators in sources:
+            inputs.append(self.excitation.sample(self.samples, step_s, generators[0]))
             if self.disturbance is not None:
-                pushes.append(self.disturbance.sample(self.samples, step_s, each[1]))
+                pushes.append(self.disturbance.sample(self.samples, step_s, generators[1]))
         true_input = np.stack(inputs)
         driven = np.stack(pushes) if pushes else np.zeros(true_input.shape)
         for number, coefficient in enumerate(self.input_coefficients):

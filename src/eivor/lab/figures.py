@@ -158,9 +158,9 @@ def _draw(axes: Axes, values: Float[np.ndarray, " trials"], printed: Spread | No
 
 def _draw_printed(axes: Axes, printed: Spread, low: float, high: float) -> None:
     """Line and band, or words alone when they are so far away that the bars would vanish."""
-    reach = FAR * (high - low)
+    span = FAR * (high - low)
     words = f"printed {printed.mean:.4g} ± {printed.std:.3g}"
-    if not low - reach <= printed.mean <= high + reach:
+    if not low - span <= printed.mean <= high + span:
         axes.plot([], [], color=plots.RED, lw=1.2, ls="--", label=f"{words},\noff this axis")
         return
     limits = min(low, printed.mean), max(high, printed.mean)
@@ -258,7 +258,7 @@ def reading_report(results: Sequence[paper.PaperResult]) -> Iterator[RenderableT
     yield heading(reading.name)
     yield Text(reading.sentence)
     for result in results:
-        table = _plain(f"example {result.example.number}: NRMSE [%]", *SCORE_WORDS)
+        table = _bare_table(f"example {result.example.number}: NRMSE [%]", *SCORE_WORDS)
         for method in paper.METHODS:
             table.add_row(paper.METHOD_WORDS[method], *map(spread_text, result.spreads(method)))
             if method in result.example.printed:
@@ -275,7 +275,7 @@ def reading_report(results: Sequence[paper.PaperResult]) -> Iterator[RenderableT
 def overview_report(results: Sequence[paper.PaperResult]) -> Iterator[RenderableType]:
     """How far every reading is from the printed tables, and which is nearest."""
     yield heading("How far from the printed tables")
-    table = _plain("reading", "means off by", "SDs off by", "printed means met")
+    table = _bare_table("reading", "means off by", "SDs off by", "printed means met")
     for name, group in by_reading(results).items():
         table.add_row(name, *nearness_cells(paper.nearness(group)))
     yield table
@@ -284,12 +284,12 @@ def overview_report(results: Sequence[paper.PaperResult]) -> Iterator[Renderable
 
 def verdict_sentence(results: Sequence[paper.PaperResult]) -> str:
     """Whether any reading gives the printed tables."""
-    near = {name: paper.nearness(group) for name, group in by_reading(results).items()}
-    whole = [name for name, result in near.items() if result.agreeing == result.printed]
-    if whole:
-        return f"Every printed mean is met by: {', '.join(whole)}."
+    readings = {name: paper.nearness(group) for name, group in by_reading(results).items()}
+    matching = [name for name, result in readings.items() if result.agreeing == result.printed]
+    if matching:
+        return f"Every printed mean is met by: {', '.join(matching)}."
     name = nearest(results)
-    result = near[name]
+    result = readings[name]
     return (
         f"No reading gives the printed tables. Nearest is {name}: its means are off by a factor of "
         f"{factor_text(result.means)}, and {result.agreeing} of {result.printed} are met."
@@ -311,7 +311,7 @@ def printed_text(spread: Spread) -> str:
     return f"{spread.mean:.4g} ± {spread.std:.4g}"
 
 
-def _plain(*columns: str) -> Table:
+def _bare_table(*columns: str) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     for column in columns:
         table.add_column(Text(column), no_wrap=True)

@@ -56,16 +56,16 @@ Loop = tuple[
 
 def sampled_loop(scenario: Scenario, control: Control) -> Loop:
     """Loop of a vehicle under control, without the states that the controller does not use."""
-    decay, held, ramp = scenario.of_step
+    decay, step_gain, ramp = scenario.of_step
     altitude_gain, input_gain = control.altitude_gain, scenario.input_gain
     summed = control.velocity_integral_gain * scenario.step_s
     present = control.velocity_gain + summed
-    # All three states; the error is d = addition - seen x, the input u = present d + summed x[2].
-    plant = np.array([[decay, 0.0, 0.0], [held, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    push, sums = np.array([held, scenario.step_s * ramp, 0.0]), np.array([0.0, 0.0, 1.0])
-    seen = np.array([1.0, altitude_gain, 0.0])
-    from_state = summed * sums - present * seen
-    matrix = plant + np.outer(input_gain * push, from_state) - np.outer(sums, seen)
+    # All three states; the error is d = addition - output x, the input u = present d + summed x[2].
+    plant = np.array([[decay, 0.0, 0.0], [step_gain, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    push, sums = np.array([step_gain, scenario.step_s * ramp, 0.0]), np.array([0.0, 0.0, 1.0])
+    output = np.array([1.0, altitude_gain, 0.0])
+    from_state = summed * sums - present * output
+    matrix = plant + np.outer(input_gain * push, from_state) - np.outer(sums, output)
     used = np.array([True, altitude_gain != 0.0, control.velocity_integral_gain != 0.0])
     effects = np.column_stack([input_gain * present * push + sums, push])[used]
     return matrix[np.ix_(used, used)], effects, from_state[used], present
@@ -81,8 +81,8 @@ def from_rest(
     for row in range(states):
         for column in range(states):
             band[states + row - column, column::states] = -matrix[row, column]
-    known = np.concatenate([np.zeros(states), forcing.ravel()])[:, None]
-    solved = scipy.linalg.lapack.dtbtrs(band, known, uplo="L", diag="U")[0]
+    right = np.concatenate([np.zeros(states), forcing.ravel()])[:, None]
+    solved = scipy.linalg.lapack.dtbtrs(band, right, uplo="L", diag="U")[0]
     return np.asarray(solved).reshape(steps + 1, states)
 
 
@@ -266,17 +266,17 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
     checks.kind("rng", rng, np.random.Generator, "a generator", "Give numpy.random.default_rng(0).")
     streams = dict(zip(SOURCES, rng.spawn(len(SOURCES)), strict=True))
     drive = scenario.excitation.sample(scenario.samples, scenario.step_s, streams["excitation"])
-    control, rest = scenario.control, np.zeros_like(drive)
-    motion = moved(scenario, drive if control is None else (control.altitude_gain or 1.0) * drive, rest)
+    control, zero = scenario.control, np.zeros_like(drive)
+    motion = respond(scenario, drive if control is None else (control.altitude_gain or 1.0) * drive, zero)
     disturbance = _disturbance(scenario, motion, streams["disturbance"])
     if scenario.route is DisturbanceRoute.DYNAMICS and scenario.disturbance is not None:
-        motion += moved(scenario, rest, disturbance)
+        motion += respond(scenario, zero, disturbance)
     channels = _channels(scenario, motion, disturbance)
     noise = declared_noise(scenario.noise, scenario.noise_to_signal, channels)
-    errors = {name: each.sample(scenario.samples, streams[name]) for name, each in noise.items()}
+    errors = {name: source.sample(scenario.samples, streams[name]) for name, source in noise.items()}
     if control is not None:
-        error = errors["velocity_z"] + control.altitude_gain * errors.get("position_z", rest)
-        motion += moved(scenario, -error, rest)
+        error = errors["velocity_z"] + control.altitude_gain * errors.get("position_z", zero)
+        motion += respond(scenario, -error, zero)
     true = _channels(scenario, motion, disturbance)
     references = dict.fromkeys(scenario.references, drive)
     measured = {name: true[name] + error for name, error in errors.items()} | references
@@ -286,8 +286,8 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
     return SimulatedRecord(Signals(scenario.rate_hz, measured, noise=noise), truth, parameters)
 
 
-def moved(scenario: Scenario, added: Series, pushed: Series) -> LinearMotion:
-    """Motion from rest under what is added to the input, or to a controller's error, and accelerations."""
+def respond(scenario: Scenario, added: Series, pushed: Series) -> LinearMotion:
+    """Motion from rest, driven by an addition to the input or controller's error, and by accelerations."""
     control = scenario.control
     if control is not None:
         matrix, effects, from_state, gain = sampled_loop(scenario, control)
@@ -295,8 +295,8 @@ def moved(scenario: Scenario, added: Series, pushed: Series) -> LinearMotion:
         states = from_rest(matrix, np.outer(added[:-1], by_error) + np.outer(pushed[:-1], by_push))
         commanded = gain * added + states @ from_state
         return np.stack([commanded, *states.T[: 2 if control.altitude_gain else 1]])
-    decay, held, ramp = scenario.of_step
-    steps = scenario.input_gain * held * added[:-1] + held * pushed[:-1]
+    decay, step_gain, ramp = scenario.of_step
+    steps = scenario.input_gain * step_gain * added[:-1] + step_gain * pushed[:-1]
     if scenario.intersample is Intersample.LINEAR:
         steps += scenario.input_gain * ramp * np.diff(added)
     return np.stack([added, from_rest(np.array([[decay]]), steps[:, None])[:, 0]])
@@ -321,9 +321,9 @@ def _channels(scenario: Scenario, motion: LinearMotion, disturbance: Series) -> 
 
 
 def _disturbance(scenario: Scenario, undisturbed: LinearMotion, rng: np.random.Generator) -> Series:
-    rest = np.zeros(scenario.samples)
+    zeros = np.zeros(scenario.samples)
     if scenario.disturbance is None:
-        return rest
+        return zeros
     series = scenario.disturbance.sample(scenario.samples, scenario.step_s, rng)
     if scenario.disturbance_to_signal is None:
         return series
@@ -332,7 +332,7 @@ def _disturbance(scenario: Scenario, undisturbed: LinearMotion, rng: np.random.G
         expected = "a disturbance that varies, since it is to be scaled to a share of z''"
         remedy = "Give it a positive std, or leave disturbance_to_signal out."
         raise ParameterError(expected, f"a standard deviation of {spread} over the record", remedy)
-    response = _channels(scenario, undisturbed, rest)["acceleration_z"]
+    response = _channels(scenario, undisturbed, zeros)["acceleration_z"]
     return scenario.disturbance_to_signal * float(response.std()) / spread * series
 
 

@@ -78,15 +78,15 @@ def of_kind(table: TomlTable, family: type, *handled: str, **known: object) -> A
     """Object that a table with a `kind` describes."""
     kinds = KINDS[family]
     kind = table.choose("kind", table.values.get("kind", ""), tuple(kinds))
-    return built(table, kinds[kind], "kind", *handled, **known)
+    return build(table, kinds[kind], "kind", *handled, **known)
 
 
-def built(table: TomlTable, maker: Maker, *handled: str, **known: object) -> Any:
+def build(table: TomlTable, maker: Maker, *handled: str, **known: object) -> Any:
     """Call a class or function with what the table says of its parameters; see `of_kind`."""
     parameters, values = parameters_of(maker), dict(known)
     remaining = replace(table, values={key: item for key, item in table.values.items() if key not in handled})
-    given = remaining.convert(structure_of(maker, frozenset(known)))
-    for name, value in msgspec.structs.asdict(given).items():
+    checked = remaining.convert(structure_of(maker, frozenset(known)))
+    for name, value in msgspec.structs.asdict(checked).items():
         if value is not msgspec.UNSET:
             values[name] = _value(table, name, value, _required(parameters[name][0]))
     with located(table):
@@ -171,7 +171,7 @@ def _value(table: TomlTable, name: str, value: Any, annotation: Any) -> Any:
 
 
 def _of_table(table: TomlTable, annotation: Any) -> Any:
-    return of_kind(table, annotation) if annotation in KINDS else built(table, annotation)
+    return of_kind(table, annotation) if annotation in KINDS else build(table, annotation)
 
 
 FLIGHTS, SCENARIOS = (Path(__file__).parent / name for name in ("scenario_flights", "scenarios"))
@@ -197,8 +197,8 @@ def flight_from_table(table: TomlTable) -> VerticalFlightSpec:
     table.choose("kind", table.values.get("kind", ""), ("flight",))
     known: dict[str, object] = {"seed": 0}
     if "noise" in table.values:
-        known["noise"] = built(table.part("noise"), SensorNoise)
-    return built(table, VerticalFlightSpec, "kind", "noise", **known)
+        known["noise"] = build(table.part("noise"), SensorNoise)
+    return build(table, VerticalFlightSpec, "kind", "noise", **known)
 
 
 #: Key of a noise or a disturbance whose size is a share of a signal's.
@@ -223,8 +223,8 @@ def noises(
         section = sections.part(name)
         ratio = section.convert(_Ratio).ratio_to_signal
         if (ratio is None) != ("std" in section.values):
-            given = "neither" if ratio is None else "both"
-            raise section.wrong("", f"std or {RATIO}", given, "Give one of them.")
+            received = "neither" if ratio is None else "both"
+            raise section.wrong("", f"std or {RATIO}", received, "Give one of them.")
         # The std of a ratio follows from the signal; until then any will do.
         std = {} if ratio is None else {"std": 1.0}
         noise[name] = of_kind(section, noise_types.MeasurementNoise, RATIO, **std)
@@ -248,7 +248,7 @@ def shipped_rigid_body_flight(name: str) -> RigidBodyFlightSpec:
 def rigid_body_flight_from_table(table: TomlTable) -> RigidBodyFlightSpec:
     """Flight from the top table of a TOML file, all of whose keys it takes."""
     table.choose("kind", table.values.get("kind", ""), ("rigid-body",))
-    flight: RigidBodyFlightSpec = built(table, RigidBodyFlightSpec, "kind", seed=0)
+    flight: RigidBodyFlightSpec = build(table, RigidBodyFlightSpec, "kind", seed=0)
     if flight.count > MOST_STEPS:
         raise table.wrong("duration", f"{MOST_STEPS} steps or fewer", f"{flight.count}", "Ask for fewer.")
     return flight
@@ -279,7 +279,7 @@ def scenario_from_table(table: TomlTable) -> Scenario:
         known["disturbance_to_signal"] = section.convert(_Ratio).ratio_to_signal
         known["disturbance"] = of_kind(section, excitation.Disturbance, RATIO)
     check_sample_count(table)
-    return built(table, Scenario, "kind", "disturbance", "noise", **known)
+    return build(table, Scenario, "kind", "disturbance", "noise", **known)
 
 
 def check_sample_count(table: TomlTable) -> None:
@@ -322,13 +322,13 @@ def study_from_table(top: TomlTable) -> Study:
     if not choices:
         raise top.wrong("methods", "one table [[methods]] or more", "none")
     handled = ("scenario", "methods", "name")
-    return built(top, Study, *handled, name=name, experiment=experiment, methods=choices)
+    return build(top, Study, *handled, name=name, experiment=experiment, methods=choices)
 
 
 def method_choice(table: TomlTable, channel: str = INPUT) -> MethodChoice:
     """Method and its options, from a table all of whose keys it takes."""
     known = {} if "channel" in table.values else {"channel": channel}
-    return built(table, MethodChoice, **known)
+    return build(table, MethodChoice, **known)
 
 
 def _experiment(table: TomlTable) -> Experiment:
@@ -338,4 +338,4 @@ def _experiment(table: TomlTable) -> Experiment:
     noise, ratios = noises(table, (OUTPUT, INPUT))
     check_sample_count(table)
     known: dict[str, object] = {"noise": noise, "noise_to_signal": ratios}
-    return built(table, DifferenceEquation, "kind", "noise", **known)
+    return build(table, DifferenceEquation, "kind", "noise", **known)

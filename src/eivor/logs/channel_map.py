@@ -215,37 +215,37 @@ class _Compiler:
             yield operator
 
     def _atom(self, node: ast.expr, depth: int) -> Iterator[Step]:
-        written = ast.get_source_segment(self.source, node) or ""
+        text = ast.get_source_segment(self.source, node) or ""
         match node:
             case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
                 if abs(value) > sys.float_info.max:
-                    raise self._refuse(f"where {written} is too large for a number")
+                    raise self._refuse(f"where {text} is too large for a number")
                 yield float(value)
-            case ast.Name() | ast.Constant() if isinstance(node, ast.Name) or _QUOTED.fullmatch(written):
-                yield written.strip('"')
+            case ast.Name() | ast.Constant() if isinstance(node, ast.Name) or _QUOTED.fullmatch(text):
+                yield text.strip('"')
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
                 exponent = _number(right)
                 if exponent is None or abs(exponent) > MAX_EXPONENT:
-                    most = f"{MAX_EXPONENT:g}"
-                    raise self._refuse(f"with an exponent that is no number from -{most} to {most}")
+                    limit = f"{MAX_EXPONENT:g}"
+                    raise self._refuse(f"with an exponent that is no number from -{limit} to {limit}")
                 yield from self._steps(left, depth + 1)
                 yield from (exponent, np.power)
             case ast.Compare(left=left, ops=[operator, *more], comparators=[right, *_]):
-                yield from self._condition(node if more else operator, [left, right], written, depth)
+                yield from self._condition(node if more else operator, [left, right], text, depth)
             case ast.BoolOp(op=operator, values=parts):
-                yield from self._condition(operator, parts, written, depth)
+                yield from self._condition(operator, parts, text, depth)
             case ast.UnaryOp(op=ast.Not() as operator, operand=operand):
-                yield from self._condition(operator, [operand], written, depth)
+                yield from self._condition(operator, [operand], text, depth)
             case ast.Call(func=ast.Name(id=word), keywords=[]):
                 yield from self._call(node, word, depth)
             case _:
-                raise self._refuse(f"with {written!r} where a column or a number belongs")
+                raise self._refuse(f"with {text!r} where a column or a number belongs")
 
     def _condition(
-        self, operator: ast.AST, parts: Sequence[ast.expr], written: str, depth: int
+        self, operator: ast.AST, parts: Sequence[ast.expr], text: str, depth: int
     ) -> Iterator[Step]:
         if type(operator) not in CONDITIONS:
-            raise self._refuse(f"with {written!r}: write 0 < a and a < 1, and >= with <= for equality")
+            raise self._refuse(f"with {text!r}: write 0 < a and a < 1, and >= with <= for equality")
         for number, part in enumerate(parts):
             yield from self._steps(part, depth + 1)
             if number or len(parts) == 1:
@@ -298,7 +298,7 @@ ValidRange = tuple[float, float, str]
 
 @dataclass(frozen=True, slots=True)
 class ChannelRule:
-    """How one channel is made of columns."""
+    """Rule by which one channel is computed from columns."""
 
     name: str
     expression: Expression
@@ -390,21 +390,21 @@ class _ChannelTable(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def _channel_map(top: TomlTable) -> ChannelMap:
-    given = top.convert(_MapFile)
-    frame = _FRAMES[top.choose("frame", given.frame, tuple(_FRAMES))]
-    time_unit = top.part("time").choose("unit", given.time.unit, tuple(TIME_UNITS))
-    source = given.source and top.choose("source", given.source, SOURCES)
+    table = top.convert(_MapFile)
+    frame = _FRAMES[top.choose("frame", table.frame, tuple(_FRAMES))]
+    time_unit = top.part("time").choose("unit", table.time.unit, tuple(TIME_UNITS))
+    source = table.source and top.choose("source", table.source, SOURCES)
     ranges = {key: _range(section) for key, section in top.parts("columns").items()}
     rules = tuple(_rule(key, section, source) for key, section in top.parts("channels").items())
     if not rules:
         raise top.wrong("channels", "at least one channel", "none", "Add a table [channels.velocity_z].")
     try:
-        name_of_map = input_map(given.input_map).name if given.input_map else ""
+        name_of_map = input_map(table.input_map).name if table.input_map else ""
     except UsageError as error:
         raise top.wrong("input_map", error.expected, error.received, error.remedy) from error
-    airframe = given.name if given.airframe is None else given.airframe
+    airframe = table.name if table.airframe is None else table.airframe
     return ChannelMap(
-        given.name, given.time.column, time_unit, rules, frame, name_of_map, ranges, top.file, airframe
+        table.name, table.time.column, time_unit, rules, frame, name_of_map, ranges, top.file, airframe
     )
 
 
@@ -414,30 +414,30 @@ def _require(section: TomlTable, sound: bool, key: str, expected: str, received:
 
 
 def _range(section: TomlTable) -> ValidRange:
-    given = section.convert(_ColumnTable)
-    bounds = given.valid
+    table = section.convert(_ColumnTable)
+    bounds = table.valid
     sound = len(bounds) == 2 and bounds[0] < bounds[1]
     _require(section, sound, "valid", "[low, high] with low < high", f"{bounds}", "Correct the range.")
     # nothing is below zero for a motor that stands still, which is no saturation
-    saturates = given.saturates or ("upper" if bounds[0] == 0.0 else "both")
+    saturates = table.saturates or ("upper" if bounds[0] == 0.0 else "both")
     return bounds[0], bounds[1], section.choose("saturates", saturates, ("none", "lower", "upper", "both"))
 
 
 def _rule(name: str, section: TomlTable, source: str | None) -> ChannelRule:
-    given = section.convert(_ChannelTable)
-    channel, known = canonical_channel(name), canonical_channels()
+    table = section.convert(_ChannelTable)
+    channel, names = canonical_channel(name), canonical_channels()
     if channel is None:
-        remedy = did_you_mean(name, known, f"The names are {', '.join(known)}.")
+        remedy = did_you_mean(name, names, f"The names are {', '.join(names)}.")
         raise section.wrong("", "a canonical channel name", f"'{name}'", remedy)
-    kinds = [kind for kind in EXPRESSIONS if getattr(given, kind) is not None]
+    kinds = [kind for kind in EXPRESSIONS if getattr(table, kind) is not None]
     sources, received = f"exactly one of {', '.join(EXPRESSIONS)}", " and ".join(kinds) or "none of them"
     _require(section, len(kinds) == 1, "", sources, received, "State one source.")
     kind, is_turned = kinds[0], kinds[0] == "roll_pitch"
     default = "rad" if is_turned else channel.unit
-    unit = given.unit if given.unit is not None else default
+    unit = table.unit if table.unit is not None else default
     section.choose("unit", unit, tuple(dict.fromkeys((*UNITS, default))))
     si_unit, to_si = UNITS.get(unit, (unit, 1.0))
-    expression = _expression(section, given, kind, si_unit, to_si)
+    expression = _expression(section, table, kind, si_unit, to_si)
     of_tilt = kind in ("quaternion", "roll_pitch")
     if of_tilt:
         remedy = "Use column or expression."
@@ -447,74 +447,74 @@ def _rule(name: str, section: TomlTable, source: str | None) -> ChannelRule:
         remedy = "Give the unit in which the column is logged."
         _require(section, unit_fits(channel, si_unit), "unit", expected, f"'{unit}'", remedy)
     remedy = "A factor of another size is `scale`."
-    _require(section, abs(given.sign) == 1.0, "sign", "1 or -1", f"{given.sign:g}", remedy)
+    _require(section, abs(table.sign) == 1.0, "sign", "1 or -1", f"{table.sign:g}", remedy)
     remedy = "Leave the channel out instead."
-    _require(section, given.scale != 0.0, "scale", "a finite number other than 0", "0", remedy)
-    declared = given.source or source
+    _require(section, table.scale != 0.0, "scale", "a finite number other than 0", "0", remedy)
+    declared = table.source or source
     return ChannelRule(
         name,
         expression,
-        given.sign * given.scale * (1.0 if of_tilt else to_si),
-        channel.held if given.held is None else given.held,
-        given.optional,
+        table.sign * table.scale * (1.0 if of_tilt else to_si),
+        channel.held if table.held is None else table.held,
+        table.optional,
         expression.columns if is_turned else (),
         unit if is_turned else "",
         section.choose("source", declared, SOURCES) == ESTIMATOR if declared else None,
-        _delay_s(section, given),
-        _noise(section, given, to_si),
-        _curve_side(name, section, given),
+        _delay_s(section, table),
+        _noise(section, table, to_si),
+        _curve_side(name, section, table),
     )
 
 
-def _curve_side(name: str, section: TomlTable, given: _ChannelTable) -> CurveSide:
-    if given.curve_side is None:
+def _curve_side(name: str, section: TomlTable, table: _ChannelTable) -> CurveSide:
+    if table.curve_side is None:
         return CurveSide.UNKNOWN
     is_command = name.rstrip("0123456789").rstrip("_") in COMMANDS
     commands = f"this key for commands only ({', '.join(COMMANDS)})"
     _require(section, is_command, "curve_side", commands, f"it in {name}", "Leave it out.")
     sides = (CurveSide.BEFORE.value, CurveSide.BEHIND.value)
-    return CurveSide(section.choose("curve_side", given.curve_side, sides))
+    return CurveSide(section.choose("curve_side", table.curve_side, sides))
 
 
-def _delay_s(section: TomlTable, given: _ChannelTable) -> float:
-    delay_s, longest = 1e-3 * given.delay_ms, 1e3 * LONGEST_DELAY_S
+def _delay_s(section: TomlTable, table: _ChannelTable) -> float:
+    delay_s, longest = 1e-3 * table.delay_ms, 1e3 * LONGEST_DELAY_S
     remedy = "Give how long before its stamp a value was true; below zero for after it."
     expected = f"milliseconds between {-longest:g} and {longest:g}"
     _require(section, abs(delay_s) <= LONGEST_DELAY_S, "delay_ms", expected, f"{1e3 * delay_s:g}", remedy)
     return delay_s
 
 
-def _noise(section: TomlTable, given: _ChannelTable, to_si: float) -> float | DataSheet | None:
+def _noise(section: TomlTable, table: _ChannelTable, to_si: float) -> float | DataSheet | None:
     keys = ("noise_density", "noise_bandwidth_hz", "quantisation")
-    sheet = [key for key in keys if getattr(given, key) is not None]
-    if given.noise is not None:
-        std, remedy = given.noise, "Give the noise of a sample in the channel's unit."
+    sheet = [key for key in keys if getattr(table, key) is not None]
+    if table.noise is not None:
+        std, remedy = table.noise, "Give the noise of a sample in the channel's unit."
         expected = "a standard deviation of zero or more, or the keys of a data sheet"
         received = " and ".join((f"{std:g}", *sheet))
         _require(section, std >= 0.0 and not sheet, "noise", expected, received, remedy)
         return std * to_si
     if not sheet:
         return None
-    density, step = given.noise_density or 0.0, given.quantisation or 0.0
+    density, step = table.noise_density or 0.0, table.quantisation or 0.0
     try:
-        return DataSheet(density * to_si, given.noise_bandwidth_hz, step * to_si)
+        return DataSheet(density * to_si, table.noise_bandwidth_hz, step * to_si)
     except UsageError as error:
         raise section.wrong(sheet[0], error.expected, error.received, error.remedy) from error
 
 
 def _expression(
-    section: TomlTable, given: _ChannelTable, kind: str, si_unit: str, to_si: float
+    section: TomlTable, table: _ChannelTable, kind: str, si_unit: str, to_si: float
 ) -> Expression:
-    index, count = given.index, {"quaternion": 4, "roll_pitch": 2}.get(kind, 0)
+    index, count = table.index, {"quaternion": 4, "roll_pitch": 2}.get(kind, 0)
     if index is not None:
         _require(section, kind == "column", "index", "this key with column", f"it with {kind}", "Remove it.")
         expected = f"a place from 0 to {LONGEST_LIST - 1}"
         _require(section, 0 <= index < LONGEST_LIST, "index", expected, f"{index}", "The first is 0.")
-    if given.column is not None:
-        return Expression.of_column(given.column if index is None else f"{given.column}[{index}]")
-    if given.expression is not None:
-        return parse_expression(given.expression, f"{section.path}.expression of {section.file}")
-    names = given.quaternion or given.roll_pitch or []
+    if table.column is not None:
+        return Expression.of_column(table.column if index is None else f"{table.column}[{index}]")
+    if table.expression is not None:
+        return parse_expression(table.expression, f"{section.path}.expression of {section.file}")
+    names = table.quaternion or table.roll_pitch or []
     expected = f"a list of {count} column names"
     _require(section, len(names) == count, kind, expected, f"{names}", "Correct the list.")
     if kind == "quaternion":

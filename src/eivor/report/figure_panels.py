@@ -122,10 +122,10 @@ def headed(axes: Axes, words: str) -> None:
     axes.set_title(fitting(axes, words), fontsize=9, parse_math=False)
 
 
-def drawable(things: Sized, what: str, remedy: str) -> None:
+def drawable(items: Sized, noun: str, remedy: str) -> None:
     """Refuse to draw nothing."""
-    if not things:
-        raise UsageError(f"{what} to draw", "none", remedy)
+    if not items:
+        raise UsageError(f"{noun} to draw", "none", remedy)
 
 
 def legend(
@@ -320,8 +320,8 @@ def draw_ellipse(axes: Axes, ellipse: Ellipse, intervals: Sequence[tuple[float, 
 
 def axis_words(name: str, unit: str) -> str:
     """Parameter in words with its symbol and unit; "[-]" when it has none."""
-    known = wording_of(name)
-    words = f"{known.words} {known.own_symbol}".rstrip() if known else printable(name)
+    wording = wording_of(name)
+    words = f"{wording.words} {wording.own_symbol}".rstrip() if wording else printable(name)
     return f"{words} [{printable(unit).replace('^2', '²') or '-'}]"
 
 
@@ -336,12 +336,12 @@ def _draw_interval(
     filled: bool = True,
 ) -> None:
     low, high = limits
-    inside = 0.02 * (high - low)
+    margin = 0.02 * (high - low)
     for left, right in row.pieces:
         axes.plot(np.clip([left, right], low, high), [height, height], color=colour, lw=2.2)
         for end, mark_at_end in (
-            (low + inside, "<") if left < low else (left, "|"),
-            (high - inside, ">") if right > high else (right, "|"),
+            (low + margin, "<") if left < low else (left, "|"),
+            (high - margin, ">") if right > high else (right, "|"),
         ):
             axes.plot(end, height, mark_at_end, color=colour, ms=8, mew=1.8)
     if low <= row.value <= high:
@@ -395,6 +395,6 @@ def forest_picture(
     title: str, axis: str, rows: Iterable[PlottedInterval], words: str = "", table: TableOf | None = None
 ) -> Picture:
     """Intervals below each other, with their numbers."""
-    drawn = tuple(rows)
-    height = FOREST_ROW_INCHES * len(drawn) + FOREST_FOOT_INCHES
-    return Picture(title, words, partial(draw_forest, rows=drawn, words=axis), table, height)
+    intervals = tuple(rows)
+    height = FOREST_ROW_INCHES * len(intervals) + FOREST_FOOT_INCHES
+    return Picture(title, words, partial(draw_forest, rows=intervals, words=axis), table, height)

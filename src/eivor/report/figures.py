@@ -37,9 +37,9 @@ def prediction_panels(predictions: MultiStepPrediction) -> plots.Panels:
     liveliest = _liveliest(predictions)
     for number, models in enumerate(predictions.by_quantity):
         name = models[0].quantity
-        given: dict[str, Any] = {"prediction": predictions, "models": models, "first": number == 0}
-        panels[name] = partial(_draw_ahead_over_time, **given, displayed=liveliest)
-        panels[f"{name} by horizon"] = partial(draw_by_horizon, **given)
+        options: dict[str, Any] = {"prediction": predictions, "models": models, "first": number == 0}
+        panels[name] = partial(_draw_ahead_over_time, **options, displayed=liveliest)
+        panels[f"{name} by horizon"] = partial(draw_by_horizon, **options)
     return panels
 
 
@@ -59,8 +59,8 @@ def _draw_ahead_over_time(
     first: bool,
 ) -> None:
     unit, times = display_unit(models[0].unit)
-    after = prediction.horizons_s[-1]
-    time = prediction.start_s[displayed] + after
+    horizon_s = prediction.horizons_s[-1]
+    time = prediction.start_s[displayed] + horizon_s
     words, series = f"{models[0].quantity} [{unit}]", models[0].series
     if series is not None:
         measured = _unbroken(time, times * series[displayed, 0])
@@ -69,14 +69,14 @@ def _draw_ahead_over_time(
         words = f"error of {words}"
     for item, colour in _coloured(models):
         if item.series is None or item.model != UNCHANGED:
-            drawn = item.left[displayed, -1] if item.series is None else item.series[displayed, 1]
-            ax.plot(time, _unbroken(time, times * drawn), color=colour, lw=1.0)
+            values = item.left[displayed, -1] if item.series is None else item.series[displayed, 1]
+            ax.plot(time, _unbroken(time, times * values), color=colour, lw=1.0)
     plots.labelled(ax, x="time [s]", y=words, size=9.0)
     ax.margins(x=0.005)
     if first and series is not None:
         plots.legend(ax, size=7)
     if first:
-        plots.headed(ax, f"After {after:g} s, in the liveliest {time[-1] - time[0]:.0f} s of the flight")
+        plots.headed(ax, f"After {horizon_s:g} s, in the liveliest {time[-1] - time[0]:.0f} s of the flight")
 
 
 def draw_by_horizon(
@@ -87,8 +87,8 @@ def draw_by_horizon(
     for item, colour in _coloured(models):
         errors = times * np.array(item.rms)
         axes.plot(prediction.horizons_s, errors, "o-", color=colour, ms=3.5, lw=1.2, label=item.words)
-    most = times * max(max(model.rms) for model in models)
-    axes.set_ylim(0.0, (1.75 if first else 1.1) * most or 1.0)
+    peak = times * max(max(model.rms) for model in models)
+    axes.set_ylim(0.0, (1.75 if first else 1.1) * peak or 1.0)
     plots.labelled(axes, x="predicted so far ahead [s]", y=f"RMS error [{unit}]", size=9.0)
     if first:
         plots.legend(axes, size=7, location="upper left")
@@ -104,9 +104,9 @@ def _liveliest(prediction: MultiStepPrediction) -> slice:
     """Starts within the part of a flight in which most happens that does not stay as it is."""
     time = prediction.start_s
     stayed = [models[-1] for models in prediction.by_quantity]
-    moved = [(np.nan_to_num(item.left[:, -1] / (item.rms[-1] or 1.0))) ** 2 for item in stayed]
+    errors = [(np.nan_to_num(item.left[:, -1] / (item.rms[-1] or 1.0))) ** 2 for item in stayed]
     step = float(np.median(np.diff(time))) if time.size > 1 else AHEAD_SHOWN_S
-    return plots.of_most_power(np.sum(moved, axis=0), max(round(AHEAD_SHOWN_S / step), 1))
+    return plots.of_most_power(np.sum(errors, axis=0), max(round(AHEAD_SHOWN_S / step), 1))
 
 
 def _unbroken(time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -146,9 +146,9 @@ def _draw_noise_spectrum(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: f
     bands = plots.banded(frequency, amplitude, BANDS_PER_DECADE)
     axes.loglog(*bands, "o", color=plots.BLUE, ms=4, label="mean power of bands")
     used = frequency <= rate_hz * result.bandwidth / values.size
-    what = f"fractional noise, order {result.order:.3f} ± {result.order_error:.3f}"
+    text = f"fractional noise, order {result.order:.3f} ± {result.order_error:.3f}"
     axes.loglog(frequency, fitted, color=plots.RED, lw=0.9, ls="--")
-    axes.loglog(frequency[used], fitted[used], color=plots.RED, lw=1.8, label=f"{what}\n(fitted where solid)")
+    axes.loglog(frequency[used], fitted[used], color=plots.RED, lw=1.8, label=f"{text}\n(fitted where solid)")
     axes.set_xlabel("frequency [Hz]")
     axes.set_ylabel(f"amplitude density [{printable(unit) or '-'} per √Hz]", parse_math=False)
     # periodogram bins may be next to nothing; below the bands they say nothing either
@@ -223,8 +223,8 @@ def _draw_autocorrelation(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: 
     R = autocovariance(centred, lag.size)
     # Var r_k = sum e_t^2 e_t-k^2 / (sum e_t^2)^2 (Lo and MacKinlay 1988); 1 / n for constant strength
     squares, white = centred**2, normal_quantile(0.95) / np.sqrt(values.size)
-    together = np.array([float(squares[k:] @ squares[:-k]) for k in lag])
-    robust = normal_quantile(0.95) * np.sqrt(together) / squares.sum()
+    products = np.array([float(squares[k:] @ squares[:-k]) for k in lag])
+    robust = normal_quantile(0.95) * np.sqrt(products) / squares.sum()
     strength = "uncorrelated, varying strength"
     axes.fill_between(lag, -robust, robust, color=plots.BLUE, alpha=0.3, lw=0, label=strength)
     for edge in (-white, white):

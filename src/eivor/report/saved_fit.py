@@ -356,8 +356,8 @@ def fit_among(fits: Mapping[str, SavedFit], model: str = "", preferred: Sequence
     if model:
         checks.index_of("a motion of the result", model, fits, "Name one of them, or identify it.")
     fitted = [name for name, fit in fits.items() if fit.estimated is not None] or list(fits)
-    wanted = sorted((name for name in preferred if name in fits), key=lambda name: name not in fitted)
-    candidates = [model] if model else wanted[:1] or fitted
+    matching = sorted((name for name in preferred if name in fits), key=lambda name: name not in fitted)
+    candidates = [model] if model else matching[:1] or fitted
     if len(candidates) > 1 and not preferred:
         received = f"a result of several: {', '.join(candidates)}"
         remedy = f"Name one: --model {candidates[0]}, in Python model='{candidates[0]}'."
@@ -385,8 +385,8 @@ def load_fits(file: str | Path) -> dict[str, SavedFit]:
             return {name_of_model(fit.document.model.name): fit}
         if schema != json_document.LOG_SCHEMA:
             raise _no_document(path, "another document")
-        given = msgspec.convert(document, json_document.LogDocument)
-        return {name: fit_of(motion, given.provenance) for name, motion in given.motions.items()}
+        parsed = msgspec.convert(document, json_document.LogDocument)
+        return {name: fit_of(motion, parsed.provenance) for name, motion in parsed.motions.items()}
     except (msgspec.ValidationError, ValueError) as error:
         raise _no_document(path, f"one that lacks parts ({error})") from error
 
@@ -401,19 +401,19 @@ def _no_document(path: Path, received: str) -> InputError:
 
 def fit_of(document: Mapping[str, Any], provenance: json_document.JsonProvenance | None = None) -> SavedFit:
     """Return the fit of a motion's document, with the provenance of the log's where it has none."""
-    given = msgspec.convert(document, json_document.FitDocument)
+    parsed = msgspec.convert(document, json_document.FitDocument)
     if provenance is not None:
-        given = msgspec.structs.replace(given, provenance=provenance)
-    quantities = _read_quantities(given)
+        parsed = msgspec.structs.replace(parsed, provenance=provenance)
+    quantities = _read_quantities(parsed)
     return SavedFit(
         quantities=quantities,
-        estimated=None if given.covariance is None else _joint(given.covariance, quantities),
-        document=given,
-        by_flight={str(row.log): _read_quantities(row) for row in given.by_flight or ()},
+        estimated=None if parsed.covariance is None else _joint(parsed.covariance, quantities),
+        document=parsed,
+        by_flight={str(row.log): _read_quantities(row) for row in parsed.by_flight or ()},
     )
 
 
-def _read_quantities(given: json_document.FitDocument | json_document.JsonRow) -> dict[str, Quantity]:
+def _read_quantities(row: json_document.FitDocument | json_document.JsonRow) -> dict[str, Quantity]:
     return {
         name: Quantity(
             value=_number(item.value, math.nan),
@@ -425,17 +425,17 @@ def _read_quantities(given: json_document.FitDocument | json_document.JsonRow) -
             reasons=tuple(Reason(item.verdict, sentence) for sentence in item.reasons),
             systematic_uncertainties=tuple(item.systematic),
         )
-        for name, item in {**given.parameters, **given.derived}.items()
+        for name, item in {**row.parameters, **row.derived}.items()
     }
 
 
-def _joint(given: json_document.JsonCovariance, quantities: Mapping[str, Quantity]) -> JointEstimate:
+def _joint(block: json_document.JsonCovariance, quantities: Mapping[str, Quantity]) -> JointEstimate:
     """Joint vector of a document; of several delays where it fits best."""
-    best = [item for item in given.candidates or () if item.best]
-    joint = best[0] if best else given
-    if len(best) > 1 or not joint.parts or not set(given.names) <= set(quantities):
+    best = [item for item in block.candidates or () if item.best]
+    joint = best[0] if best else block
+    if len(best) > 1 or not joint.parts or not set(block.names) <= set(quantities):
         raise ValueError("a covariance of its quantities, and which candidate is the best")
-    if len(joint.values) != len(given.names):
+    if len(joint.values) != len(block.names):
         raise ValueError("a value for each name of the covariance")
     values = np.array(joint.values, dtype=np.float64)  # NaN for None
     parts = []
@@ -445,8 +445,8 @@ def _joint(given: json_document.JsonCovariance, quantities: Mapping[str, Quantit
     return JointEstimate(values, JointCovariance(tuple(parts)))
 
 
-def _number(value: float | None, missing: float) -> float:
-    return missing if value is None else value
+def _number(value: float | None, default: float) -> float:
+    return default if value is None else value
 
 
 def draws_table(

@@ -42,18 +42,18 @@ def choices() -> dict[str, object]:
     """Models, methods, maps, vehicles, targets of exports, kinds of plans, and what logs are in folders."""
     endings = {end for readable_format in readable_formats() for end in readable_format.endings}
     return {
-        "models": [_named(name, motion_by_name(name).words.title) for name in motion_names()],
+        "models": [_choice(name, motion_by_name(name).words.title) for name in motion_names()],
         "methods": [
-            _named(name, (inspect.getdoc(made) or "").partition("\n")[0].rstrip("."))
-            for name, made in TABLE.items()
+            _choice(name, (inspect.getdoc(factory) or "").partition("\n")[0].rstrip("."))
+            for name, factory in TABLE.items()
         ],
-        "maps": [_named(name, name) for name in shipped_maps()],
-        "vehicles": [_named(name, load_vehicle(name).name) for name in shipped_vehicles()],
+        "maps": [_choice(name, name) for name in shipped_maps()],
+        "vehicles": [_choice(name, load_vehicle(name).name) for name in shipped_vehicles()],
         "targets": [
-            {**_named(name, item.words), "file": f"{name}{item.ending}"} for name, item in TARGETS.items()
+            {**_choice(name, item.words), "file": f"{name}{item.ending}"} for name, item in TARGETS.items()
         ],
         "plans": [
-            {**_named(name, item.words), "file": item.file, "needs": ["home"] * item.is_mission}
+            {**_choice(name, item.words), "file": item.file, "needs": ["home"] * item.is_mission}
             for name, item in WRITTEN.items()
         ],
         "folders": {
@@ -67,7 +67,7 @@ def choices() -> dict[str, object]:
     }
 
 
-def _named(name: str, words: str) -> dict[str, object]:
+def _choice(name: str, words: str) -> dict[str, object]:
     return {"name": name, "words": words}
 
 
@@ -88,12 +88,12 @@ def outcome_of(task: Task, progress: ProgressCallback) -> Outcome:
 
 @contextmanager
 def _temporary_files_in(folder: Path) -> Iterator[None]:
-    """Let readers have theirs there: what they leave behind when they are killed goes with the folder."""
-    before, tempfile.tempdir = tempfile.tempdir, str(folder)
+    """Put temporary files into a folder, so that those of killed readers are deleted with it."""
+    previous, tempfile.tempdir = tempfile.tempdir, str(folder)
     try:
         yield
     finally:
-        tempfile.tempdir = before
+        tempfile.tempdir = previous
 
 
 def identify(
@@ -107,11 +107,11 @@ def identify(
             motions = parsing.named_motions(words.model, vehicle)
         options = parsing.flight_options(motions, words)
         supplied(words.mass, (), "")  # exports take it: what it says is reported now
-        several, names, seen = len(request.logs) > 1, {}, Counter[str]()
+        several, names, counts = len(request.logs) > 1, {}, Counter[str]()
         for log in dict.fromkeys(log for log, _ in request.windows):
             name = logs[log].name
-            seen[name] += 1
-            names[log] = name if seen[name] == 1 else f"{name} ({seen[name]})"
+            counts[name] += 1
+            names[log] = name if counts[name] == 1 else f"{name} ({counts[name]})"
         with _as_file(words.map, folder / "map.toml", shipped_maps(), "map") as channel_map:
             read = {
                 log: replace(_recording(logs[log], channel_map, several=several), name=name)
@@ -134,7 +134,7 @@ def _recording(log: KeptLog, channel_map: str, *, several: bool) -> Recording:
         with parsing.named(log.name, several=several):
             recording = read_log(log.path, channel_map=channel_map or None)
     except EivorError as error:
-        raise _reworded(error, partial(_log_name, log)) from error
+        raise _reword(error, partial(_log_name, log)) from error
     findings = tuple(Finding(finding.name, _log_name(log, finding.message)) for finding in recording.findings)
     return replace(recording, findings=findings)
 
@@ -144,26 +144,26 @@ def _log_name(log: KeptLog, text: str) -> str:
 
 
 @contextmanager
-def _as_file(text: str, path: Path, shipped: tuple[str, ...], what: str) -> Iterator[str]:
-    """A name of what comes with Eivor as it is; other text as a file, whose path is not identified."""
+def _as_file(text: str, path: Path, shipped: tuple[str, ...], noun: str) -> Iterator[str]:
+    """Name of a shipped file unchanged; other text as a file, whose path errors do not name."""
     if not text or text in shipped:
         yield text
         return
     if _NAME.fullmatch(text):
-        remedy = did_you_mean(text, shipped, f"Name one of them, or give the text of a {what}'s file.")
-        raise InputError(f"a shipped {what} ({', '.join(shipped)})", f"'{text}'", remedy)
+        remedy = did_you_mean(text, shipped, f"Name one of them, or give the text of a {noun}'s file.")
+        raise InputError(f"a shipped {noun} ({', '.join(shipped)})", f"'{text}'", remedy)
     write_atomically(path, text)
     try:
         yield str(path)
     except EivorError as error:
-        raise _reworded(error, lambda part: part.replace(str(path), path.name)) from error
+        raise _reword(error, lambda part: part.replace(str(path), path.name)) from error
 
 
 def _vehicle(text: str, folder: Path) -> AbstractContextManager[str]:
     return _as_file(text, folder / "vehicle.toml", shipped_vehicles(), "vehicle")
 
 
-def _reworded(error: EivorError, changed: Callable[[str], str]) -> EivorError:
+def _reword(error: EivorError, changed: Callable[[str], str]) -> EivorError:
     return type(error)(*map(changed, (error.expected, error.received, error.remedy)))
 
 
@@ -178,18 +178,18 @@ def _supplied(words: WordsOf, folder: Path) -> Supplied:
 
 
 def list_exports(folder: Path, stem: str, words: WordsOf) -> list[dict[str, object]]:
-    """Say of every target whether it can be written, and what stands in the way."""
-    given, fits = _supplied(words, folder), load_fits(folder / RESULT)
-    listed = []
+    """Entry of every target, with the reason if it cannot be written."""
+    inputs, fits = _supplied(words, folder), load_fits(folder / RESULT)
+    entries = []
     for name, target in TARGETS.items():
-        entry = _named(name, target.words) | {"file": _file_name(stem, target), "reason": "", "left_out": []}
+        entry = _choice(name, target.words) | {"file": _file_name(stem, target), "reason": "", "left_out": []}
         try:
-            made = _exported(fit_among(fits, "", motions_for(name)), name, given)
-            entry["left_out"] = [*made.omitted, *made.lost]
+            exported = _exported(fit_among(fits, "", motions_for(name)), name, inputs)
+            entry["left_out"] = [*exported.omitted, *exported.lost]
         except EivorError as error:
             entry["reason"] = str(error)
-        listed.append(entry)
-    return listed
+        entries.append(entry)
+    return entries
 
 
 def export(folder: Path, stem: str, words: WordsOf) -> File:
@@ -199,12 +199,12 @@ def export(folder: Path, stem: str, words: WordsOf) -> File:
     return File(_file_name(stem, target), _exported(result, target.name, _supplied(words, folder)).text)
 
 
-def _exported(result: SavedFit, name: str, given: Supplied) -> Exported:
-    """Export; what is known of the vehicle's body goes to those only that have a use for it."""
+def _exported(result: SavedFit, name: str, inputs: Supplied) -> Exported:
+    """Export with mass and vehicle, or without them for targets that refuse them."""
     try:
-        return result.exported(name, given, None, 0)
+        return result.exported(name, inputs, None, 0)
     except UsageError:
-        return result.exported(name, replace(given, mass=None, vehicle=None), None, 0)
+        return result.exported(name, replace(inputs, mass=None, vehicle=None), None, 0)
 
 
 def _file_name(stem: str, target: Target) -> str:
@@ -218,10 +218,10 @@ def plan(folder: Path, stem: str, words: WordsOf) -> File:
     if form.is_mission:
         parsing.check_mission("it", home, "")
         position = parsing.position_of(home)
-    made = planned(folder / RESULT, target=words.get("for", ""), shape="steps" if form.is_mission else "")
-    if isinstance(made, MachinePlan):
+    result = planned(folder / RESULT, target=words.get("for", ""), shape="steps" if form.is_mission else "")
+    if isinstance(result, MachinePlan):
         raise UsageError("a result of the vertical motion", "one of a machine", "Plan it with eivor plan.")
-    return File(f"{stem}-{form.file}", form.text(made, position))
+    return File(f"{stem}-{form.file}", form.text(result, position))
 
 
 #: What else a process does, by the name of a `Task`.

@@ -49,11 +49,11 @@ def px4_channels(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> tuple
     return channels, px4.vehicle_of(topics, {})
 
 
-def _check_one_vehicle(what: str, places: set[str]) -> None:
+def _check_one_vehicle(source: str, places: set[str]) -> None:
     if len(places) > 1:
         raise InputError(
             "a bag of one vehicle",
-            f"one with {what} of {len(places)}: {', '.join(sorted(name or '/' for name in places)[:6])}",
+            f"one with {source} of {len(places)}: {', '.join(sorted(name or '/' for name in places)[:6])}",
             "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
         )
 
@@ -63,9 +63,9 @@ def _chosen(
 ) -> dict[str, px4.Topic]:
     """The topics by PX4's names: what the vehicle sends before what it is sent, then the useful instance."""
     ways: dict[str, list[px4.Topic]] = {"out": [], "in": []}
-    for item in sound:
-        match = matches[item.name]
-        topic = px4.Topic(match["topic"], int(match["instance"] or 0), item.fields)
+    for raw in sound:
+        match = matches[raw.name]
+        topic = px4.Topic(match["topic"], int(match["instance"] or 0), raw.fields)
         ways[match["way"] or "out"].append(topic)
     sent = {topic.name for topic in ways["out"]}
     received = (topic for topic in ways["in"] if topic.name not in sent)
@@ -73,14 +73,14 @@ def _chosen(
 
 
 def _layouts(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> dict[str, messages.LayoutOf]:
-    """How the messages of each topic are read: by its definition, or by the releases that fit."""
+    """Layout of each topic's messages: by its definition, or by the PX4 releases that fit."""
     layouts = {raw.name: raw.defined() for raw in raws if raw.text}
     unsaid = [raw for raw in raws if not raw.text]
     if not unsaid:
         return layouts
     releases = messages.px4_releases()
     fits = {raw.name: _fitting(raw, list(releases)) for raw in unsaid}
-    shared = set(releases).intersection(*(fit for fit in fits.values() if fit))
+    agreed = set(releases).intersection(*(fit for fit in fits.values() if fit))
     misfits = [f"{raw.name} ({len(raw.payloads[0])} bytes)" for raw in unsaid if not fits[raw.name]]
     sentence = (
         "Without definitions in the bag, messages fit none of the releases of px4_msgs that are known "
@@ -89,9 +89,9 @@ def _layouts(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> dict[str,
     findings += common.noted("px4_release", sentence, misfits)
     for raw in unsaid:
         if fits[raw.name]:
-            layouts[raw.name] = _agreed(raw, sorted(fits[raw.name] & shared or fits[raw.name]))
+            layouts[raw.name] = _common_layout(raw, sorted(fits[raw.name] & agreed or fits[raw.name]))
     sentence = "The bag has no definitions of messages: they are read as those of PX4 {}, whose lengths fit."
-    findings += common.noted("px4_release", sentence, sorted(shared) or "several")
+    findings += common.noted("px4_release", sentence, sorted(agreed) or "several")
     return layouts
 
 
@@ -100,15 +100,15 @@ def _fitting(raw: ros.RawTopic, numbers: Sequence[str]) -> set[str]:
     result = set()
     for number in numbers:
         try:
-            _agreed(raw, [number])(raw.payloads[0])
+            _common_layout(raw, [number])(raw.payloads[0])
         except messages.UnsoundMessageError:
             continue
         result.add(number)
     return result
 
 
-def _agreed(raw: ros.RawTopic, numbers: Sequence[str]) -> messages.LayoutOf:
-    """What gives the layout of a message as far as some releases agree on it."""
+def _common_layout(raw: ros.RawTopic, numbers: Sequence[str]) -> messages.LayoutOf:
+    """Function that returns the layout of a message as far as some releases agree on it."""
     releases = messages.px4_releases()
     kinds = dict.fromkeys(releases[number].get(raw.kind) for number in numbers)
 
@@ -203,16 +203,16 @@ def ros_channels(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> dict[
                 unclear[source.kind] = sorted(item.name for item in serving)
             if name in channels or len(serving) != 1:
                 continue
-            made = _channel(name, serving[0], source, start)
-            if made is not None:
-                channels[name] = common.silenced(made, end_s, inactive) if source.is_setpoint else made
+            channel = _channel(name, serving[0], source, start)
+            if channel is not None:
+                channels[name] = common.silenced(channel, end_s, inactive) if source.is_setpoint else channel
     findings += common.noted("setpoint_silent", "Not in force while its topic is silent: {}.", inactive)
     findings += _doubts(unclear, channels)
     return channels
 
 
 def _complete(topic: ros.BagTopic, findings: list[Finding]) -> ros.BagTopic:
-    """A topic with the columns that are worked out of its own."""
+    """A topic with its derived columns."""
     fields = ros.with_derived(topic.kind, topic.fields)
     if topic.kind == "nav_msgs/Odometry" and "twist.world.z" in fields and _is_in_the_world(topic, fields):
         fields |= {f"twist.world.{axis}": fields[f"twist.twist.linear.{axis}"] for axis in "xyz"}
@@ -225,7 +225,7 @@ def _complete(topic: ros.BagTopic, findings: list[Finding]) -> ros.BagTopic:
 
 
 def _is_in_the_world(topic: ros.BagTopic, fields: Mapping[str, np.ndarray]) -> bool:
-    """Whether the velocity of odometry as it stands is that of its place, over a second: places are noisy."""
+    """Whether the velocity of odometry, unrotated, fits the change of its position over a second."""
     time_s = topic.seconds(int(topic.stamp_ns.min()))
     later = np.searchsorted(time_s, time_s + WAY_S)
     indices = np.flatnonzero(later < time_s.size)
@@ -236,14 +236,14 @@ def _is_in_the_world(topic: ros.BagTopic, fields: Mapping[str, np.ndarray]) -> b
         total = 0.0
         for axis in "xyz":
             position = fields[f"pose.pose.position.{axis}"].astype(np.float64)
-            moved = fields[f"{stem}.{axis}"].astype(np.float64)
-            travelled = np.append(0.0, np.cumsum(np.diff(time_s) * 0.5 * (moved[1:] + moved[:-1])))
-            gone = (position - travelled)[later[indices]] - (position - travelled)[indices]
-            total += float(np.nanmedian(np.abs(gone)))
+            velocity = fields[f"{stem}.{axis}"].astype(np.float64)
+            travelled = np.append(0.0, np.cumsum(np.diff(time_s) * 0.5 * (velocity[1:] + velocity[:-1])))
+            drift = (position - travelled)[later[indices]] - (position - travelled)[indices]
+            total += float(np.nanmedian(np.abs(drift)))
         return total
 
-    turned, standing = misfit("twist.world"), misfit("twist.twist.linear")
-    return bool(standing * MUCH_BETTER < turned)
+    rotated, unrotated = misfit("twist.world"), misfit("twist.twist.linear")
+    return bool(unrotated * MUCH_BETTER < rotated)
 
 
 def _channel(name: str, topic: ros.BagTopic, source: RosSource, start: int) -> Channel | None:
@@ -279,8 +279,8 @@ def _doubts(unclear: Mapping[str, Sequence[str]], channels: Mapping[str, Channel
 
 
 def _advice(channel: str) -> tuple[str, ...]:
-    known = _TABLES["to_record"].get(channel)
-    return (f"Record {known}.",) if known else ()
+    sources = _TABLES["to_record"].get(channel)
+    return (f"Record {sources}.",) if sources else ()
 
 
 def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False) -> common.LogFormat:
@@ -312,40 +312,40 @@ def read_bag(path: Path, options: common.ReadOptions, log_format: str) -> Record
     files = containers.bag_files(path)
     findings: list[Finding] = []
     input_map = vehicle = ""
-    looked: Mapping[str, tuple[str, ...]]
+    sources: Mapping[str, tuple[str, ...]]
     if options.channel_map is not None:
         chosen = load_channel_map(options.channel_map)
-        named = set(map(ros.topic_of, columns_of(chosen.rules)))
-        contents = ros.read_contents(files, lambda topic, _kind: topic in named, findings, options.max_bytes)
+        topics = set(map(ros.topic_of, columns_of(chosen.rules)))
+        contents = ros.read_contents(files, lambda topic, _kind: topic in topics, findings, options.max_bytes)
         channels = ros.map_channels(chosen, contents, path.name, findings)
-        frame, input_map, looked = chosen.frame, chosen.input_map, looked_for(chosen)
+        frame, input_map, sources = chosen.frame, chosen.input_map, looked_for(chosen)
     else:
         contents = ros.read_contents(files, is_known, findings, options.max_bytes)
         of_px4 = [raw for raw in contents.topics.values() if is_px4(raw.name, raw.kind)]
         channels, vehicle = px4_channels(of_px4, findings) if of_px4 else ({}, "")
-        frame, looked = Frame.NED, px4.LOOKED_FOR
+        frame, sources = Frame.NED, px4.LOOKED_FOR
         if not channels:
             others = [raw for raw in contents.topics.values() if not is_px4(raw.name, raw.kind)]
             channels, vehicle = ros_channels(others, findings), ""
-            frame, looked = Frame.Z_UP, ROS_SOURCES
+            frame, sources = Frame.Z_UP, ROS_SOURCES
         if not channels:
-            raise _nothing(path, contents, findings)
+            raise _empty_error(path, contents, findings)
     return Recording(
         name=path.name,
         format=log_format,
         channels=channels,
         frame=frame,
         input_map=input_map,
-        looked_for=looked,
+        looked_for=sources,
         findings=(*findings, *common.channel_findings(channels)),
         vehicle=vehicle,
     )
 
 
-def _nothing(path: Path, contents: ros.Contents, findings: list[Finding]) -> EmptyLogError:
+def _empty_error(path: Path, contents: ros.Contents, findings: list[Finding]) -> EmptyLogError:
     topics = [f"{name} ({kind})" for name, kind in sorted(contents.kinds.items())]
-    more = f" and {len(topics) - _MOST_LISTED} more" if len(topics) > _MOST_LISTED else ""
-    text = ", ".join(topics[:_MOST_LISTED]) + more
+    rest = f" and {len(topics) - _MOST_LISTED} more" if len(topics) > _MOST_LISTED else ""
+    text = ", ".join(topics[:_MOST_LISTED]) + rest
     sentence = " ".join(finding.message for finding in findings)
     return EmptyLogError(
         "a bag with topics of PX4 (px4_msgs) or mavros, or with odometry, poses and inertial sensors",

@@ -38,44 +38,44 @@ class TooLargeError(ValueError):
 
 @dataclass(slots=True)
 class Budget:
-    """How much may still be decompressed, and be kept of messages [bytes]."""
+    """Remaining bytes that may be decompressed, and memory for messages [bytes]."""
 
-    left: int
-    kept: int
+    remaining: int
+    memory: int
 
     @classmethod
     def of(cls, size: int, max_bytes: int) -> Budget:
-        kept = max(max_bytes, size)
-        return cls(min(TIMES * size + MORE, 8 * kept), kept)
+        memory = max(max_bytes, size)
+        return cls(min(TIMES * size + MORE, 8 * memory), memory)
 
-    def spent(self, made: bytes) -> bytes:
-        """Return what was made, which is taken off."""
-        self.left -= len(made)
-        if self.left < 0:
+    def charge(self, data: bytes) -> bytes:
+        """Subtract decompressed data from the budget, and return them."""
+        self.remaining -= len(data)
+        if self.remaining < 0:
             raise TooLargeError("it repeats itself far more often than a flight does")
-        return made
+        return data
 
     def message(self, data: bytes) -> bytes:
         """Return a message that is kept, without the compression that it may have."""
         payload = bytes(data)
         if payload.startswith(ZSTD):
             payload = self.decompressed(payload, _zstd().ZstdDecompressor)
-        self.kept -= len(payload) + MESSAGE_BYTES
-        if self.kept < 0:
+        self.memory -= len(payload) + MESSAGE_BYTES
+        if self.memory < 0:
             raise TooLargeError("its messages take more memory than max_bytes")
         return payload
 
     def steps(self, data: bytes, decompressor: Callable[[], Any]) -> Iterator[bytes]:
         """Give all frames of compressed data, in steps."""
         while data:
-            item = decompressor()
-            while not item.eof:
-                part = item.decompress(data, max_length=STEP_BYTES)
-                if not part and item.needs_input:
+            decoder = decompressor()
+            while not decoder.eof:
+                part = decoder.decompress(data, max_length=STEP_BYTES)
+                if not part and decoder.needs_input:
                     raise EOFError("compressed data that end within a frame")
                 data = b""
-                yield self.spent(part)
-            data = item.unused_data or b""
+                yield self.charge(part)
+            data = decoder.unused_data or b""
 
     def decompressed(self, data: bytes, decompressor: Callable[[], Any], size: int = MAX_CHUNK) -> bytes:
         """Return all frames of compressed data, of at most so many bytes."""
@@ -103,14 +103,14 @@ def bounded_chunks(budget: Budget) -> Iterator[None]:
     from rosbags.rosbag2 import storage_mcap
 
     table: dict[str, Callable[[bytes, int], bytes]] = storage_mcap.DECOMPRESSORS
-    kept = dict(table)
-    table[""] = lambda data, _: budget.spent(data)
+    originals = dict(table)
+    table[""] = lambda data, _: budget.charge(data)
     table["lz4"] = lambda data, size: budget.decompressed(data, LZ4FrameDecompressor, size)
     table["zstd"] = lambda data, size: budget.decompressed(data, _zstd().ZstdDecompressor, size)
     try:
         yield
     finally:
-        table.update(kept)
+        table.update(originals)
 
 
 # -- Files --
@@ -220,8 +220,8 @@ def _schemas(file: Path) -> list[tuple[str, str]]:
         record = summary[position + 9 : position + 9 + length]
         position += 9 + length
         if kind == _SCHEMA and len(record) > 2:
-            name, rest = _text(record[2:])
-            results.append((name, _text(rest)[0]))
+            name, tail = _text(record[2:])
+            results.append((name, _text(tail)[0]))
     return results
 
 
@@ -244,17 +244,17 @@ _REMEDIES = {
 
 def declared(reader: Any, *, ros1: bool) -> Counter[str]:
     """How many messages of each topic the indices say that there are."""
-    connections, most = reader.connections, Counter[int]()
+    connections, counts = reader.connections, Counter[int]()
     tables = [info.connection_counts for info in getattr(reader, "chunk_infos", ())]
     tables += [chunk.channel_count for chunk in getattr(reader, "chunks", ()) if not ros1]
     for table in tables:
-        most.update(table)
+        counts.update(table)
     if statistics := getattr(reader, "statistics", None):
-        most |= Counter(statistics.channel_message_counts)
-    most |= Counter({item.id: item.msgcount for item in connections})
+        counts |= Counter(statistics.channel_message_counts)
+    counts |= Counter({item.id: item.msgcount for item in connections})
     names = {item.id: item.topic for item in connections}
     total = Counter[str]()
-    for number, count in most.items():
+    for number, count in counts.items():
         total[names.get(number, f"a topic without a name (number {number})")] += count
     return total
 
@@ -281,13 +281,13 @@ def opened(file: Path, budget: Budget) -> Iterator[tuple[Any, bool]]:
     of_rosbags = (apsw.Error, BagError, ReaderError, _zstd().ZstdError)
     try:
         with TemporaryDirectory(prefix="eivor-") as folder, bounded_chunks(budget):
-            plain = _unpacked(file, Path(folder), budget)
-            with plain.open("rb") as stream:
+            unpacked = _unpacked(file, Path(folder), budget)
+            with unpacked.open("rb") as stream:
                 head = stream.read(16)
-            kind = next((known for magic, known in MAGICS.items() if head.startswith(magic)), "")
+            kind = next((name for magic, name in MAGICS.items() if head.startswith(magic)), "")
             if not kind:
                 raise ValueError("it begins like no bag")
-            reader = _reader(plain, kind, budget)
+            reader = _reader(unpacked, kind, budget)
             reader.open()
             try:
                 yield reader, kind == ROS1
@@ -305,14 +305,14 @@ def _unreadable(file: Path, kind: str, error: Exception) -> CorruptLogError:
 
 
 def _unpacked(file: Path, folder: Path, budget: Budget) -> Path:
-    """The file itself, or what is in it where it is compressed as a whole."""
+    """The file itself, or its decompressed copy where it is compressed as a whole."""
     with file.open("rb") as stream:
         if stream.read(len(ZSTD)) != ZSTD:
             return file.resolve()
-    plain = folder / "unpacked"
-    with atomic_write(plain) as stream:
+    unpacked = folder / "unpacked"
+    with atomic_write(unpacked) as stream:
         stream.writelines(budget.steps(file.read_bytes(), _zstd().ZstdDecompressor))
-    return plain
+    return unpacked
 
 
 def _reader(file: Path, kind: str, budget: Budget) -> Any:
@@ -342,7 +342,7 @@ def _bag_reader(file: Path, budget: Budget) -> Any:
         def read_chunk(self) -> Any:
             chunk = super().read_chunk()
             kind = decompressors.get(chunk.decompressor)
-            bounded = budget.spent if kind is None else partial(budget.decompressed, decompressor=kind)
+            bounded = budget.charge if kind is None else partial(budget.decompressed, decompressor=kind)
             return chunk._replace(decompressor=bounded)
 
     return BoundedReader(file)

@@ -37,8 +37,8 @@ Types = Mapping[str, tuple[tuple[str, str, int | None], ...]]
 
 def type_name(name: str) -> str:
     """Return the name of a type without its folder: "nav_msgs/msg/Odometry" is "nav_msgs/Odometry"."""
-    package, _, rest = name.partition("/")
-    return f"{package}/{rest.rpartition('/')[2]}" if rest else name
+    package, _, path = name.partition("/")
+    return f"{package}/{path.rpartition('/')[2]}" if path else name
 
 
 def parsed_types(text: str, name: str, *, is_idl: bool = False) -> Types:
@@ -47,8 +47,8 @@ def parsed_types(text: str, name: str, *, is_idl: bool = False) -> Types:
 
     text, types = text[:MAX_TEXT], {}
     if is_idl:
-        named = (part.partition("\n") for part in text.split(_SEPARATOR))
-        trees = [partial(get_types_from_idl, part) for head, _, part in named if head.startswith("IDL:")]
+        parts = (part.partition("\n") for part in text.split(_SEPARATOR))
+        trees = [partial(get_types_from_idl, part) for head, _, part in parts if head.startswith("IDL:")]
         trees = trees or [partial(get_types_from_idl, text)]
     else:
         trees = [partial(get_types_from_msg, _CONSTANT.sub("", text), name)]
@@ -230,7 +230,7 @@ MAX_LAYOUTS = 256
 Decoded = tuple[Mapping[str, np.ndarray], np.ndarray, str]
 
 
-def decoded(payloads: Sequence[bytes], layout_of: LayoutOf) -> Decoded:
+def decode(payloads: Sequence[bytes], layout_of: LayoutOf) -> Decoded:
     """Read the messages of a topic."""
     tables: list[tuple[np.ndarray, np.ndarray]] = []
     reason, tried = "", 0
@@ -238,29 +238,29 @@ def decoded(payloads: Sequence[bytes], layout_of: LayoutOf) -> Decoded:
     for index, payload in enumerate(payloads):
         by_length.setdefault(len(payload), []).append(index)
     for waiting in by_length.values():
-        rest = np.array(waiting, dtype=np.int64)
-        while rest.size and tried < MAX_LAYOUTS:
+        pending = np.array(waiting, dtype=np.int64)
+        while pending.size and tried < MAX_LAYOUTS:
             tried += 1
             try:
-                layout = layout_of(payloads[rest[0]])
+                layout = layout_of(payloads[pending[0]])
             except UnsoundMessageError as error:
-                reason, rest = reason or str(error), rest[1:]
+                reason, pending = reason or str(error), pending[1:]
                 continue
-            joined = b"".join([payloads[item] for item in rest.tolist()])
-            rows = np.frombuffer(joined, np.uint8).reshape(rest.size, layout.size)
+            block = b"".join([payloads[item] for item in pending.tolist()])
+            rows = np.frombuffer(block, np.uint8).reshape(pending.size, layout.size)
             # written as the first is, with texts and sequences of the same lengths
-            same = np.ones(rest.size, dtype=np.bool_)
+            same = np.ones(pending.size, dtype=np.bool_)
             for length in layout.lengths:
                 same &= np.all(rows[:, length : length + 4] == rows[0, length : length + 4], axis=1)
-            tables.append((rest[same], layout.table(rows if same.all() else rows[same])))
-            rest = rest[~same]
-        if rest.size:
+            tables.append((pending[same], layout.table(rows if same.all() else rows[same])))
+            pending = pending[~same]
+        if pending.size:
             reason = reason or f"they have more than {MAX_LAYOUTS} layouts"
     if not tables:
         return {}, np.empty(0, dtype=np.int64), reason
     positions = np.concatenate([item for item, _ in tables])
     order = np.argsort(positions, kind="stable")
     names = tables[0][1].dtype.names or ()
-    shared = [name for name in names if all(name in (table.dtype.names or ()) for _, table in tables)]
-    fields = {name: np.concatenate([table[name] for _, table in tables])[order] for name in shared}
+    common = [name for name in names if all(name in (table.dtype.names or ()) for _, table in tables)]
+    fields = {name: np.concatenate([table[name] for _, table in tables])[order] for name in common}
     return fields, positions[order], reason

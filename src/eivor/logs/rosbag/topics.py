@@ -240,7 +240,7 @@ def _add_file(file: Path, selects: Callable[[str, str], bool], budget: Budget, c
 
 def as_columns(raw: RawTopic, layout_of: messages.LayoutOf, findings: list[Finding]) -> BagTopic | None:
     """Return a topic as columns; None when it has no sound message, or none with a time stamp."""
-    columns, indices, reason = messages.decoded(raw.payloads, layout_of)
+    columns, indices, reason = messages.decode(raw.payloads, layout_of)
     dropped = len(raw.payloads) - indices.size
     text = f"{raw.name} ({raw.kind}) that were left out: {dropped}, as {reason}"
     findings += noted("message_formats", "Messages of {}.", dropped and text)

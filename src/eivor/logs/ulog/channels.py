@@ -343,8 +343,8 @@ def as_shares(
     """Outputs of motors as shares, in the order of the motors; as they are where no range is known."""
     group, motors = motor_outputs(list(widths), parameters)
     ranges = {motor: pulse_range(group, motor, parameters) for motor in motors}
-    known = {name: item for name, item in ranges.items() if item is not None}
-    if len(known) < len(ranges):
+    ranges_known = {name: item for name, item in ranges.items() if item is not None}
+    if len(ranges_known) < len(ranges):
         sentence = (
             f"{PULSES_TOPIC} holds pulse widths in microseconds, and no parameter gives their range "
             f"({group}_MIN1 and {group}_MAX1, or PWM_MIN and PWM_MAX). They stay as they are, and no input "
@@ -353,7 +353,7 @@ def as_shares(
         findings.append(Finding("pulse_range_unknown", sentence))
         return dict(widths)
     in_words: dict[tuple[float, float], str] = {}
-    for low, high, names in known.values():
+    for low, high, names in ranges_known.values():
         in_words.setdefault((low, high), f"{low:g} to {high:g} ({names})")
     sentence = (
         f"{PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
@@ -362,7 +362,7 @@ def as_shares(
     findings.append(Finding("pulse_widths", sentence))
     return {
         name: np.asarray(np.clip((widths[name] - low) / (high - low), 0.0, 1.0))
-        for name, (low, high, _) in known.items()
+        for name, (low, high, _) in ranges_known.items()
     }
 
 
@@ -387,8 +387,8 @@ def pulse_range(
     names = []
     for end in ("MIN", "MAX"):
         candidates = (f"{group}_{end}{position + 1}", f"{group}_{end}", f"PWM_{end}")
-        known = (name for name in candidates if WIDTHS[0] <= parameters.get(name, -1.0) <= WIDTHS[1])
-        names.append(next(known, ""))
+        defined = (name for name in candidates if WIDTHS[0] <= parameters.get(name, -1.0) <= WIDTHS[1])
+        names.append(next(defined, ""))
     low, high = (parameters.get(name, np.nan) for name in names)
     return (low, high, " and ".join(names)) if low < high else None
 
@@ -421,12 +421,12 @@ class _Reading:
     def in_states(self, topic: str, states: tuple[int, ...]) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle was in one of some states at each message of a topic."""
         stamps = self.clocks.get(topic, np.empty(0))
-        stated = self.fields(NAVIGATION_STATE.topic).get(NAVIGATION_STATE.field)
-        if stated is None:
+        logged = self.fields(NAVIGATION_STATE.topic).get(NAVIGATION_STATE.field)
+        if logged is None:
             return np.zeros(stamps.size, dtype=np.bool_)
         times = self.clocks[NAVIGATION_STATE.topic]
-        known = np.isfinite(times)
-        return common.held_at(times[known], np.isin(stated, states)[known], stamps, initial=False)
+        finite = np.isfinite(times)
+        return common.held_at(times[finite], np.isin(logged, states)[finite], stamps, initial=False)
 
     def put(
         self,
@@ -437,10 +437,10 @@ class _Reading:
         side: CurveSide = CurveSide.UNKNOWN,
         *,
         is_setpoint: bool = False,
-        **more: Any,
+        **options: Any,
     ) -> None:
         """Add a channel, when it has a value."""
-        channel = common.logged_channel(name, self.clocks[topic], values, label, curve_side=side, **more)
+        channel = common.logged_channel(name, self.clocks[topic], values, label, curve_side=side, **options)
         if np.isfinite(channel.values).any():
             silent = (self.end_s, self.inactive_setpoints)
             self.channels[name] = common.silenced(channel, *silent) if is_setpoint else channel
@@ -457,8 +457,8 @@ class _Reading:
         if source.zero_is_absent and not np.any(np.nan_to_num(values)):
             return
         side = CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN
-        known = {"estimated": source.estimated, "delay_s": self.delays_s[source.topic]}
-        self.put(name, source.topic, values, source.label, side, is_setpoint=source.is_setpoint, **known)
+        options = {"estimated": source.estimated, "delay_s": self.delays_s[source.topic]}
+        self.put(name, source.topic, values, source.label, side, is_setpoint=source.is_setpoint, **options)
 
 
 def read_topics(
@@ -549,13 +549,13 @@ def _angles(fields: Mapping[str, np.ndarray]) -> list[tuple[Float[np.ndarray, " 
     if all(part in fields for part in parts):
         quaternion = np.stack([fields[part].astype(np.float64) for part in parts])
         length = np.linalg.norm(quaternion, axis=0)
-        whole = np.abs(length - 1.0) <= UNIT_WITHIN
-        if whole.any():
-            result = roll_pitch_yaw(np.where(whole, quaternion / np.where(whole, length, 1.0), np.nan))
+        is_unit = np.abs(length - 1.0) <= UNIT_WITHIN
+        if is_unit.any():
+            result = roll_pitch_yaw(np.where(is_unit, quaternion / np.where(is_unit, length, 1.0), np.nan))
             return [(angle, "q_d") for angle in result]
     angles = [f"{name}_body" for name in NAMES]
-    known = all(angle in fields for angle in angles)
-    return [(fields[angle].astype(np.float64), angle) for angle in angles] if known else []
+    is_logged = all(angle in fields for angle in angles)
+    return [(fields[angle].astype(np.float64), angle) for angle in angles] if is_logged else []
 
 
 def _add_modes(reading: _Reading) -> None:
@@ -568,9 +568,9 @@ def _add_modes(reading: _Reading) -> None:
         "input_open_loop": OPEN_LOOP_STATES,
         "pilot_sets_attitude": (*ATTITUDE_STATES, *RATE_STATES),
     }
-    for name, known in modes.items():
-        within = np.isin(states, known).astype(np.float64)
-        reading.put(name, NAVIGATION_STATE.topic, within, NAVIGATION_STATE.label)
+    for name, numbers in modes.items():
+        in_mode = np.isin(states, numbers).astype(np.float64)
+        reading.put(name, NAVIGATION_STATE.topic, in_mode, NAVIGATION_STATE.label)
 
 
 def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
@@ -582,8 +582,8 @@ def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
             continue
         if topic_name == PULSES_TOPIC and are_pulses(list(values.values()), parameters):
             values = as_shares(values, parameters, reading.findings)
-        for number, (item, column) in enumerate(values.items(), start=1):
-            reading.put(f"actuator_output_{number}", topic_name, column, f"{topic_name}.{stem}[{item}]", side)
+        for number, (i, column) in enumerate(values.items(), start=1):
+            reading.put(f"actuator_output_{number}", topic_name, column, f"{topic_name}.{stem}[{i}]", side)
         return
 
 
@@ -591,11 +591,11 @@ def _add_rotor_speeds(reading: _Reading) -> None:
     fields = reading.fields(ESC_TOPIC)
     names = {index: ESC_SPEED.format(index) for index in range(MAX_ESCS)}
     turning = {index: name for index, name in names.items() if np.any(fields.get(name, 0))}
-    selected = {item: _motor_of(fields, item) for item in turning}
-    known = all(selected.values()) and len(set(selected.values())) == len(selected)
-    for entry, name in turning.items():
+    selected = {esc: _motor_of(fields, esc) for esc in turning}
+    is_mapped = all(selected.values()) and len(set(selected.values())) == len(selected)
+    for esc, name in turning.items():
         speeds = fields[name].astype(np.float64) * common.UNITS["rpm"][1]
-        channel = f"rotor_speed_{selected[entry] if known else entry + 1}"
+        channel = f"rotor_speed_{selected[esc] if is_mapped else esc + 1}"
         reading.put(channel, ESC_TOPIC, speeds, f"{ESC_TOPIC}.{name}", CurveSide.BEHIND)
 
 
