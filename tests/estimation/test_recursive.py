@@ -156,7 +156,7 @@ def test_memory_does_not_grow_with_the_stream():
     late = after(signals, range(1000, 9000, 1000), detector=ev.ChangeDetector())
     assert held(early) == held(late)
     assert late._products.waiting.count < 10
-    assert late._watch.before.shape[0] <= 80
+    assert late._watch.history.shape[0] <= 80
     assert late._watch.references.theta.shape[0] <= 16
 
 
