@@ -30,7 +30,7 @@ def test_the_report_says_what_the_flight_alone_says(log):
     alone = ev.identify_flight(log).quantities["effective_lag"]
     known = ev.identify_flight(log, lag=ev.Prior(LAG_S, 0.015))
     given = known.fit.lag_prior
-    assert given.alone.value == alone.value
+    assert given.flight_lag.value == alone.value
     assert given.p_value > 0.05
     sentence = given.sentence
     assert sentence.startswith("given 50 ± 15 ms (one standard deviation); the flight alone says ")

@@ -394,9 +394,9 @@ def test_errors_are_held_against_those_of_simpler_models():
 
 
 def test_flights_follow_each_other_and_what_nobody_measured_is_left_out(broken):
-    unmeasured = replace(error("fit", "position", 1.0), left=np.full((4, 5), np.nan))
-    left = np.vstack([np.full((2, 5), 3.0), np.full((2, 5), np.nan)])
-    half, whole = replace(error("fit", "roll rate", 3.0), left=left), error("fit", "roll rate", 1.0)
+    unmeasured = replace(error("fit", "position", 1.0), sizes=np.full((4, 5), np.nan))
+    sizes = np.vstack([np.full((2, 5), 3.0), np.full((2, 5), np.nan)])
+    half, whole = replace(error("fit", "roll rate", 3.0), sizes=sizes), error("fit", "roll rate", 1.0)
     flights = [(whole, unmeasured), (half, unmeasured), ()]
     result = multi_step_predictions([broken] * 3, lambda number, _: flights[number], ("said",))
     assert [each.quantity for each in result.errors] == ["roll rate"]

@@ -44,7 +44,7 @@ from eivor.tools import Float, Progress, Stage, no_stage_callback
 #: Role of the commands among the rates of a selection.
 COMMAND = "command"
 
-#: A reference has one frequency when this share of its power lies within so many bins of its peak.
+#: A reference has one frequency when this share of its power lies within these bins of its peak.
 LINE_SHARE = 0.995
 LINE_BINS = 3
 
@@ -116,7 +116,7 @@ class FlightState:
 
     @property
     def flights(self) -> tuple[PreparedFlight, ...]:
-        """Flights with runs, without what no run needs."""
+        """Flights with runs, cut to the samples that these need."""
         return tuple(flight.shortened for flight in self.prepared if flight.runs)
 
 
@@ -332,8 +332,8 @@ def known_lag(state: FlightState) -> tuple[LagPrior | None, tuple[Finding, ...]]
     own_lag = lag_prior.lag_quantities(problem, unpriored)[lag_prior.EFFECTIVE_LAG]
     findings: list[Finding] = []
     for item in sorted(measurements, key=lambda entry: entry.std):
-        # telemetry answers the commands as they were logged: what these are late by is in both lags
-        result = replace(item, alone=own_lag, slack_s=0.0 if item is by_telemetry else slack_s)
+        # telemetry follows the logged commands, so that their lateness is in both lags
+        result = replace(item, flight_lag=own_lag, slack_s=0.0 if item is by_telemetry else slack_s)
         if result.p_value >= SIGNIFICANT:
             return result, tuple(findings)
         sentence = f"The lag by {item.source} is not used: {result.sentence}."
@@ -485,8 +485,8 @@ def _judged(
 ) -> dict[str, Quantity]:
     """Quantities that are known without an estimate, with their systematic parts and verdicts."""
     motion = state.motion
-    facts, chosen = _of_flights(state.flights), Instruments(NoInstruments())
-    inputs = VerdictInputs(**facts, instruments=chosen, checks=checks, quantities=known)
+    facts, no_instruments = _of_flights(state.flights), Instruments(NoInstruments())
+    inputs = VerdictInputs(**facts, instruments=no_instruments, checks=checks, quantities=known)
     widened = with_systematic_uncertainties(motion, known, systematic_uncertainties(motion.parts, inputs))
     reasons = reasons_by_quantity(motion.rules, replace(inputs, quantities=widened), motion.quantities)
     return {

@@ -167,7 +167,7 @@ def with_memory(used: Mask, grid: Grid) -> Mask:
 
 
 def bridged(channel: Channel) -> Channel:
-    """A channel whose single missing values, between gaps, are on the line between their neighbours."""
+    """A channel with single missing values interpolated, but not those in gaps."""
     known = np.isfinite(channel.values)
     if known.all() or not known.any():
         return channel
@@ -195,7 +195,7 @@ def on_grid(channel: Channel, grid: Grid, interpolate: Interpolant = linear) -> 
 
 
 def unlogged(channel: Channel, grid: Grid) -> Mask:
-    """Samples between two values of a channel that are so far apart that no picture may join them."""
+    """Samples in gaps of a channel that no figure may bridge."""
     finite = np.isfinite(channel.values)
     known = Channel(channel.name, channel.time_s[finite], channel.values[finite], channel.unit)
     gaps = known.gaps(factor=20.0, at_least_s=1.0) if channel.held else known.gaps()
@@ -290,16 +290,16 @@ def _averaged(time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], gr
 #: Input below this share of its flying level is off; below this one motors are at idle.
 OFF_SHARE = 0.25
 IDLE_SHARE = 0.1
-#: So long must the input be off for the rule to know the ground, or at idle to end a flight [s].
+#: Shortest time with the input off that shows the ground, or at idle that ends a flight [s].
 OFF_FOR_S = 0.5
-#: What keeps its height for so long at less than this share does not fall: the ground carries it at idle.
+#: A vehicle that keeps its height for as long below this share stands on the ground at idle.
 CARRIED_SHARE = 0.7
-#: So high is off the ground [m].
+#: Least height off the ground [m].
 CLEARANCE_M = 0.1
 #: Until the input, over what is felt of gravity, reaches this share of its usual value after take-off, and
 #: after the last time that it does, the ground carries the rest of the weight, whatever the height does.
 LIFTED_SHARE = 0.9
-#: Nothing is taken to feel less than this share of gravity.
+#: Lower bound of the load factor.
 LEAST_LOAD = 0.2
 #: A height that is known for a smaller share of the log cannot say where the ground is.
 HEIGHT_KNOWN_SHARE = 0.5
@@ -347,7 +347,7 @@ def airborne_by_log(log: Recording, grid: Grid, input_level: Series) -> Active:
 def airborne(*, input_level: Series, step_s: float, landed: Mask | None, height: Series | None) -> Active:
     """Airborne samples of a flight on its grid."""
     if landed is not None:
-        # motors at idle for so long that nothing flies
+        # motors at idle for longer than in any flight
         level = float(np.percentile(input_level[~landed], 95)) if not landed.all() else 0.0
         flying = ~landed & ~_long_stretches(input_level < IDLE_SHARE * level, step_s)
         return Active(_without_margins(flying, step_s), "the log's land detector")

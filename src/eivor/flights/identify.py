@@ -150,7 +150,7 @@ def _coupled(
     result: FlightEstimate,
     logs: Sequence[Recording],
     windows: Sequence[Window],
-    other: FlightEstimate | None,
+    coupled: FlightEstimate | None,
 ) -> Quantity | str:
     """The quantity of another motion, or why it is not identified."""
     for words, names in axis.needs.items():
@@ -163,11 +163,11 @@ def _coupled(
     measured = () if lag is None or base.lag is not None else (lag,)
     input_used = (options.input, options.input_map)
     try:
-        if other is None or (other.prepared[0].input.name, other.prepared[0].input_map) != input_used:
-            other = identified(logs, motion, options, windows, lag_measurements=measured)
+        if coupled is None or (coupled.prepared[0].input.name, coupled.prepared[0].input_map) != input_used:
+            coupled = identified(logs, motion, options, windows, lag_measurements=measured)
     except InputError as error:
         return f"{error.expected} is missing"
     ours, theirs = result.motion.quantities[axis.called].words, motion.quantities[axis.quantity].words
-    quantity = other.quantities[axis.quantity]
+    quantity = coupled.quantities[axis.quantity]
     reasons = (replace(reason, sentence=reason.sentence.replace(theirs, ours)) for reason in quantity.reasons)
     return replace(quantity, reasons=tuple(reasons))

@@ -161,7 +161,7 @@ class LagPrior:
 
     known: Prior | Bounds  # [s]
     #: [s]; NaN where the instruments are too few for a lag
-    alone: QuantityEstimate = NO_FLIGHT_LAG
+    flight_lag: QuantityEstimate = NO_FLIGHT_LAG
     slack_s: float = 0.0
     strong: bool = False  # The flight's own interval holds: its instruments are strong
     source: str = ""  # "telemetry", or the name of a motion; empty where a user gave it
@@ -181,7 +181,7 @@ class LagPrior:
 
     @property
     def std(self) -> float:
-        """Standard deviation of what is known [s], with the command's lateness."""
+        """Standard deviation of the prior [s], with the command's lateness."""
         known = self.known
         std = known.std if isinstance(known, Prior) else UNIFORM_STD * 0.5 * (known.high - known.low)
         return hypot(std, self.slack_s * UNIFORM_STD)
@@ -195,7 +195,7 @@ class LagPrior:
         if isinstance(known, Prior):
             return replace(known, std=self.std)
         low, high = self._ends(known)
-        own_low, own_high = self.alone.interval if self.strong else (low, high)
+        own_low, own_high = self.flight_lag.interval if self.strong else (low, high)
         limits = max(low, own_low), min(high, own_high)
         return Bounds(*limits) if limits[0] < limits[1] else Bounds(low, high)
 
@@ -206,7 +206,7 @@ class LagPrior:
     @property
     def p_value(self) -> float:
         """P-value of the test that prior and flight agree in the lag."""
-        known, flight = self.known, self.alone
+        known, flight = self.known, self.flight_lag
         if math.isnan(flight.value):
             return 1.0
         if isinstance(known, Prior):
@@ -225,7 +225,7 @@ class LagPrior:
     @property
     def closer_alone(self) -> bool:
         """Whether the flight's own interval lies within the bounds, which then add nothing."""
-        known, (low, high) = self.known, self.alone.interval
+        known, (low, high) = self.known, self.flight_lag.interval
         return self.strong and isinstance(known, Bounds) and known.low < low and high < known.high
 
     def limited(self, interval: tuple[float, float], value: float) -> tuple[float, float]:
@@ -239,7 +239,7 @@ class LagPrior:
             low, high = self._ends(known)
         if low <= value <= high and self.p_value >= 1.0 - LEVEL:
             return max(interval[0], low), min(interval[1], high)
-        flight = self.alone.value if math.isfinite(self.alone.value) else value
+        flight = self.flight_lag.value if math.isfinite(self.flight_lag.value) else value
         return min(interval[0], flight), max(interval[1], flight)
 
     @property
@@ -262,21 +262,21 @@ class LagPrior:
     def sentence(self) -> str:
         """The prior, the flight's own lag, and whether they agree."""
         who = f"{self.who} says" if self.who else "given"
-        if math.isnan(self.alone.value):
+        if math.isnan(self.flight_lag.value):
             return f"{who} {self.given}; the flight alone has too few instruments for a lag"
-        low, high = self.alone.interval
+        low, high = self.flight_lag.interval
         low, high = (1e3 * max(end, 0.0) for end in (low - self.slack_s, high + self.slack_s))
         closer = ", and the flight alone is closer" if self.closer_alone else ""
         words = ("agree", "may contradict each other", "contradict each other")
         return (
             f"{who} {self.given}; "
-            f"the flight alone says {1e3 * self.alone.value:.3g} [{low:.3g}, {high:.3g}] ms: "
+            f"the flight alone says {1e3 * self.flight_lag.value:.3g} [{low:.3g}, {high:.3g}] ms: "
             f"they {outcome_word(self.p_value, words)}{closer}"
         )
 
 
 def with_lag_prior(problem: SeparableProblem, known: Prior | Bounds) -> SeparableProblem:
-    """Return the problem with what is known of the sum of lag and delay."""
+    """Return the problem with a prior of the sum of lag and delay."""
     nuisances = {nuisance.name: nuisance for nuisance in problem.nuisances}
     if known == NO_LAG:
         lags = (*LAG_SUMS, lagged_runs.SECOND_STAGE.name)

@@ -29,7 +29,7 @@ from eivor.tools import Float, Int
 
 #: How far ahead predictions look [s].
 HORIZONS_S = (0.1, 0.2, 0.3, 0.4, 0.5)
-#: Starts are so far apart [s]; in longer flights further, so that there are no more than so many.
+#: Spacing of starts [s], larger in flights that would have more than the largest number of them.
 START_SPACING_S, MOST_STARTS = 0.05, 2000
 #: Steps of the integration are no longer than this, or one of the grid [s].
 LONGEST_STEP_S = 0.010
@@ -50,7 +50,7 @@ class HorizonErrors:
     quantity: str  # What is predicted
     unit: str  # Of the errors
     #: Size of predicted less measured; NaN where nothing was measured
-    left: Float[np.ndarray, "starts horizons"] = field(repr=False)
+    sizes: Float[np.ndarray, "starts horizons"] = field(repr=False)
     #: Sizes of the changes from the start to the last horizon, measured and predicted
     changes: Float[np.ndarray, "starts 2"] = field(repr=False)
     #: Measured and predicted after the last horizon, of a quantity that is a single number
@@ -59,7 +59,7 @@ class HorizonErrors:
     @property
     def rms(self) -> tuple[float, ...]:
         """Root-mean-square error after each horizon."""
-        return tuple(map(_rms, self.left.T))
+        return tuple(map(_rms, self.sizes.T))
 
     @property
     def theil(self) -> float:
@@ -104,7 +104,7 @@ class MultiStepPrediction:
 
     @property
     def sentence(self) -> str:
-        """What was found, in sentences."""
+        """The result in sentences."""
         after = f"After {self.horizons_s[-1]:g} s"
         than = [f"{ratio:.2g} of those of '{words}'" for words, ratio in self.ratios.items()]
         if not than:
@@ -130,7 +130,7 @@ class MultiStepPrediction:
 
 @dataclass(frozen=True)
 class Starts:
-    """Where predictions of a flight start."""
+    """Starts of the predictions of a flight."""
 
     samples: Int[np.ndarray, " starts"]
     steps: tuple[int, ...]  # Samples from a start to each horizon
@@ -197,12 +197,12 @@ def multi_step_predictions(
     starts, joined = [starts_of(flight) for flight in flights], []
     by_flight = [tuple(errors(number, of_flight)) for number, of_flight in enumerate(starts)]
     for parts in zip(*filter(None, by_flight), strict=True):
-        left = np.concatenate([part.left for part in parts])
+        sizes = np.concatenate([part.sizes for part in parts])
         series = [part.series for part in parts if part.series is not None]
-        if np.isfinite(left).any(axis=0).all():
+        if np.isfinite(sizes).any(axis=0).all():
             changes = np.concatenate([part.changes for part in parts])
             joined_series = np.concatenate(series) if series else None
-            joined.append(replace(parts[0], left=left, changes=changes, series=joined_series))
+            joined.append(replace(parts[0], sizes=sizes, changes=changes, series=joined_series))
     times = [flight.grid.time_s[of_flight.samples] for flight, of_flight in zip(flights, starts, strict=True)]
     return MultiStepPrediction(tuple(joined), np.concatenate([*times, np.empty(0)]), omitted)
 
@@ -270,13 +270,13 @@ class Prediction(Generic[P]):
 
     #: To hold an estimate against
     simple_models: Callable[[P, Estimate], Mapping[str, SimpleModel]] = lambda *_: {}
-    #: What parameters and nuisances say of flights; the farthest horizon comes last
+    #: Predictions by parameters and nuisances; the farthest horizon comes last
     another_flight: Callable[[P, Values], tuple[quantity.PredictedQuantity, ...]] | None = None
     #: Some tenths of a second from many starts, by models and without refused quantities
     multi_step: Callable[[Flights, Mapping[str, SimpleModel], frozenset[str]], MultiStepPrediction] | None = (
         None
     )
-    #: An estimate whose multi-step predictions of flights leave least, from another one
+    #: Output-error estimate of multi-step predictions, from another estimate
     output_error: Callable[[Any, Estimate, Flights], tuple[Estimate, tuple[Finding, ...]]] | None = None
 
 
@@ -286,10 +286,10 @@ class Abilities:
 
     vehicle: VehicleSupport | None = None
     check: Callable[[FlightOptions], object] = lambda _options: None  # Refuses options before a log is read
-    #: The motion with requested terms, and what all flights say together; None where these change nothing
+    #: The motion with requested terms and properties of all flights; None where these change nothing
     for_flights: Callable[[Flights, FlightOptions], Motion[Any]] | None = None
     terms: Mapping[str, str] = field(default_factory=dict)  # Optional terms: the word of each, and what it is
-    #: The last problem of several, and its estimate; and flights with what that problem found out
+    #: The last of several problems, and its estimate; and flights as that problem refines them
     refined: Callable[[Any, Solver[Any], FlightOptions], tuple[Any, Estimate]] = lambda problem, solve, _: (
         problem,
         solve(problem),
@@ -306,7 +306,7 @@ class Abilities:
     implications: Callable[[Estimate, Mapping[str, Quantity]], quantity.Implications] = (
         lambda _fit, _quantities: quantity.Implications()
     )
-    #: Quantities that flights determine without an estimate, and what their rules and systematic parts read
+    #: Quantities that flights determine without an estimate, and the inputs of their rules
     known: Callable[[Flights], tuple[Mapping[str, QuantityEstimate], MotionChecks]] | None = None
     excitation: Callable[[Flights], str] = lambda _flights: ""  # How much flights moved, a sentence
     findings: Callable[[Flights, Mapping[str, Quantity]], tuple[Finding, ...]] = lambda *_: ()
@@ -403,6 +403,6 @@ def of_vehicle(motion: Motion[Any], vehicle: str) -> Motion[Any]:
 
 
 def for_flights(motion: Motion[Any], flights: Flights, options: FlightOptions) -> Motion[Any]:
-    """Return the motion with the requested terms, and what all flights say together."""
+    """Return the motion with the requested terms and properties of all flights."""
     specialised = motion.abilities.for_flights
     return motion if specialised is None else specialised(flights, options)

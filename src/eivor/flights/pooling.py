@@ -128,9 +128,9 @@ def _quantities_of_draws(
     return quantities
 
 
-def agreement(alone: Sequence[outcome.FitDiagnostics]) -> OverIdentification | None:
+def agreement(fits: Sequence[outcome.FitDiagnostics]) -> OverIdentification | None:
     """Over-identification test of a pool, combined from those of its single flights."""
-    agreements = [item.agreement for item in alone if item.agreement is not None]
+    agreements = [item.agreement for item in fits if item.agreement is not None]
     known = sorted(item.p_value for item in agreements if np.isfinite(item.p_value))
     if not known:
         return None
@@ -182,12 +182,12 @@ class Member(msgspec.Struct, frozen=True):
     exogenous: bool
 
 
-def pooled_result(state: FlightState, alone: Sequence[FlightEstimate]) -> FlightEstimate | None:
+def pooled_result(state: FlightState, results: Sequence[FlightEstimate]) -> FlightEstimate | None:
     """Result of a pool some of whose parameters belong to the flight."""
     motion, prepared, options = state.motion, state.prepared, state.options
     if not motion.quantities.of_flight or options.pool_friction == "common":
         return None
-    members = _members(prepared, options, alone)
+    members = _members(prepared, options, results)
     if len(members) < 2 or any(member.flight.input_map != member.logged.input_map for member in members):
         return None  # a map that was found out is another one in each flight
     chosen = instruments(tuple(member.flight for member in members), options, by_name(options.method))
@@ -252,10 +252,10 @@ def _result(state: FlightState, members: tuple[Member, ...], chosen: Instruments
     make = partial(pooled, problems, estimates, motion.quantities.of_flight, separate=separate)
     pool, without_prior = make(nuisances=problem.nuisances), None
     estimate = pool.pooled_estimate()
-    given, noticed = known_lag(replace(state, problem=problem, estimate=estimate))
-    if given is not None:
+    prior, findings = known_lag(replace(state, problem=problem, estimate=estimate))
+    if prior is not None:
         without_prior = problem, estimate
-        problem = with_lag_prior(problem, given.for_the_log)
+        problem = with_lag_prior(problem, prior.for_the_log)
         pool = make(nuisances=problem.nuisances)
         estimate = pool.pooled_estimate()
     sets = _known({name: pool.common_sets(name) for name in linear_names(pool)})
@@ -275,7 +275,7 @@ def _result(state: FlightState, members: tuple[Member, ...], chosen: Instruments
         estimate,
         chosen.rule.label,
         checks,
-        given,
+        prior,
         sets,
         sensors,
         without_prior,
@@ -284,15 +284,15 @@ def _result(state: FlightState, members: tuple[Member, ...], chosen: Instruments
         motion.checks(problem, estimate, state.flights),
     )
     inputs = verdict_inputs(state, fit)
-    whole = with_fit(state, fit, inputs)
+    result = with_fit(state, fit, inputs)
     p_value, shared = pool.agreement_p_value, pool.shared_p_value
     tests = {"pool_own_p_value": p_value, "pool_shared_p_value": shared, "pool_inflation": pool.inflation}
-    of_motion = motion.abilities.findings(flights, whole.quantities)
+    of_motion = motion.abilities.findings(flights, result.quantities)
     return replace(
-        whole,
+        result,
         by_flight=tuple(_by_flight(state, members, fit, pool, inputs)),
-        diagnostics={**whole.diagnostics, **tests},
-        findings=(*of_motion, *pool_findings(motion, pool, inputs), *noticed),
+        diagnostics={**result.diagnostics, **tests},
+        findings=(*of_motion, *pool_findings(motion, pool, inputs), *findings),
     )
 
 

@@ -32,7 +32,7 @@ LONGEST_EXCURSION_S = 1.0
 LEAST_COUNTED_SHARE = 0.5
 #: Parameters that hold the rate of the loop that issues commands [Hz]: ArduPilot's, and of simulated flights.
 CONTROLLER_RATES = ("SCHED_LOOP_RATE", CONTROLLER_RATE)
-#: So much of a long log is read beside the window: more than actuators remember [s].
+#: Time that is read around the window of a long log: longer than the actuators' memory [s].
 MARGIN_READ_S = 30.0
 
 
@@ -72,7 +72,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     commands = {command.name for command in selected.commands}
     listed = {name: level for name, level in levels.items() if level.source or name not in commands}
     noise = {name: WhiteNoise(level.std) for name, level in listed.items()}
-    chosen = "" if options.input_map == FIT_MAP else options.input_map
+    requested_map = "" if options.input_map == FIT_MAP else options.input_map
     band = selected.band_hz
     jump = any(jumps(log.channel(item.name), grid, used) for item in candidates if item.usable)
     if jump and not selected.matched_interpolation_filter:
@@ -87,7 +87,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         log,
         Signals(1.0 / grid.step_s, channels, noise=noise, valid=usable, start_s=grid.start_s),
         selected.input,
-        chosen or log.input_map or selected.input.input_map,
+        requested_map or log.input_map or selected.input.input_map,
         tuple(runs),
         band,
         candidates,
@@ -109,7 +109,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
 
 
 def part_to_read(log: Recording, window: tuple[float, float] | None) -> Recording:
-    """Return of a log that does not fit into memory what a window needs; others as they are."""
+    """Return the part of a log that a window needs; logs that fit into memory stay whole."""
     if window is None:
         return log
     start, end = interval_within(window, log.span_s)
@@ -221,7 +221,7 @@ OVERVIEW_STEP_S = 0.05
 def overview(
     recording: Recording, motion: Motion[Any], options: FlightOptions
 ) -> tuple[str, tuple[tuple[float, float], ...]]:
-    """How it is known when the vehicle moved, and the stretches in which it did [s]."""
+    """Rule for when the vehicle moved, and the stretches in which it did [s]."""
     log = recording.part(*recording.span_s, OVERVIEW_STEP_S)
     log, selected = _selected(log, motion, options)
     grid = common_grid(selected.channels, selected.commands, step_s=OVERVIEW_STEP_S)

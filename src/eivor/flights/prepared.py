@@ -41,7 +41,7 @@ REPORTED = 0.004
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How far two measurements differ in one way."""
+    """Difference between two measurements, of one kind."""
 
     value: float
     std_error: float
@@ -49,7 +49,7 @@ class Difference:
 
     @property
     def p_value(self) -> float:
-        """Of the test that there is none."""
+        """P-value of the test that there is none."""
         return t_tail(self.value / self.std_error, AVERAGES) if self.std_error > 0.0 else 1.0
 
     @property
@@ -78,7 +78,7 @@ class SensorAgreement:
 
     @property
     def p_value(self) -> float:
-        """Of the test that they differ in no other way."""
+        """P-value of the test that there is no other difference."""
         return self.agreement.p_value
 
     @property
@@ -88,31 +88,31 @@ class SensorAgreement:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The same by name, for diagnostics."""
+        """Differences and p-values by name, for diagnostics."""
         results = {"sensors_p_value": self.p_value}
         for name, difference in self.differences.items():
             results |= {f"sensors_{name}": difference.value, f"sensors_{name}_p_value": difference.p_value}
         return results
 
 
-def sensor_agreement(problem: GivenBins | None, least: Mapping[str, float]) -> SensorAgreement | None:
+def sensor_agreement(problem: GivenBins | None, smallest: Mapping[str, float]) -> SensorAgreement | None:
     """Estimate in which ways two measurements differ."""
     if problem is None:
         return None
     try:
-        together, none_p_value = estimated(problem, least)
-        if together.significant or none_p_value > BEYOND_DOUBT:
-            return together
+        jointly, none_p_value = estimated(problem, smallest)
+        if jointly.significant or none_p_value > BEYOND_DOUBT:
+            return jointly
         # kinds that explain the difference by themselves: there beyond doubt, and nothing is left
         either: dict[str, Difference] = {}
         for index, parameter in enumerate(problem.given.parameters):
             column = problem.given.regressors[:, [index]]
             by_one = replace(problem.given, regressors=column, parameters=(parameter,))
-            alone, _ = estimated(GivenBins(by_one), least)
-            difference = alone.differences[parameter.name]
-            if difference.matters and difference.p_value < BEYOND_DOUBT and alone.p_value >= SIGNIFICANT:
+            single, _ = estimated(GivenBins(by_one), smallest)
+            difference = single.differences[parameter.name]
+            if difference.matters and difference.p_value < BEYOND_DOUBT and single.p_value >= SIGNIFICANT:
                 either[parameter.name] = difference
-        return replace(together, either=either)
+        return replace(jointly, either=either)
     except (EstimationError, errors.InstrumentError, errors.TooFewSamplesError):
         return None
 
@@ -121,8 +121,8 @@ def estimated(problem: GivenBins, least: Mapping[str, float]) -> tuple[SensorAgr
     """Coefficients of given rows as disagreements, and the p-value of all being zero."""
     estimate = identify(problem, reference_iv())
     J, p_value = estimate.over_identification
-    by = (estimate.with_covariance(kind) for kind in (Classical(), EqualWeightedCosines(AVERAGES)))
-    parts = [part.matrix for result in by for part in result.joint_covariance.parts]
+    covariances = (estimate.with_covariance(kind) for kind in (Classical(), EqualWeightedCosines(AVERAGES)))
+    parts = [part.matrix for result in covariances for part in result.joint_covariance.parts]
     std_errors = np.sqrt(np.max([np.diag(part) for part in parts], axis=0))
     if not bool((std_errors > 0.0).all()):
         received = "sensors that differ by nothing, or by exactly what is sought"
@@ -155,7 +155,7 @@ class InputFamily:
     least_rate_hz: float = 0.0  # Slower channels are passed over where there is another family [Hz]
 
     def state(self, logged: Float[np.ndarray, "n m"], step_s: float, **path: float) -> np.ndarray:
-        """State of actuators by what is logged of them, at a lag, a delay and a second stage."""
+        """State of actuators by their logged input, at a lag, a delay and a second stage."""
         if self.measured:
             return shifted_by(logged, step_s=step_s, delay_s=path["delay_s"])
         return actuator_state(logged, step_s=step_s, **path)
@@ -191,7 +191,7 @@ class Selection:
     active: Callable[[Recording, Grid, Float[np.ndarray, " n"]], Active] = airborne_by_log
 
     def between(self, channel: Channel) -> Interpolant:
-        """What a channel was between its stamps."""
+        """Interpolation of a channel between its stamps."""
         measured = any(channel is item for item in (*self.states.values(), *self.responses.values()))
         return cubic if measured and not self.matched_interpolation_filter else grids.linear
 
@@ -362,7 +362,7 @@ class PreparedFlight:
     findings: tuple[Finding, ...]  # Named diagnostics
     grid: Grid  # Times of the samples
     measured: tuple[str, ...] = ()  # Roles of the selection whose channel is declared to come from a sensor
-    #: What the command may be late or early by throughout, see `Clock` [s]
+    #: Largest constant error of the command's time, see `Clock` [s]
     command_slack_s: float = 0.0
     #: Time between two commands where the log holds but some of them; zero where it holds every one [s]
     unlogged_step_s: float = 0.0

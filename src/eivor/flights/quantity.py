@@ -18,7 +18,7 @@ from eivor.tools import Float
 
 
 class Covariate(msgspec.Struct, frozen=True):
-    """What a quantity goes with."""
+    """Covariate of a quantity across flights."""
 
     name: str  # Column of a fleet's table
     slope: float = 0.0
@@ -40,7 +40,7 @@ Interval = tuple[float, float]
 
 
 class Counts(Enum):
-    """How a systematic part counts."""
+    """Effect of a systematic part on an interval."""
 
     ADDED = "added"  # On top of what scatters: the interval is longer by it at both ends
     AT_LEAST = "at least"  # The interval reaches so far to both sides: no model is truer than that
@@ -49,7 +49,7 @@ class Counts(Enum):
 
 
 class SystematicUncertainty(msgspec.Struct, frozen=True):
-    """What one systematic cause may do to a quantity."""
+    """Possible error of a quantity by one systematic cause."""
 
     counts: Counts
     below: float  # In the unit of the quantity; a factor is a number
@@ -92,7 +92,7 @@ class CoupledAxis(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Implied:
-    """One such number, or why it does not follow."""
+    """A number that follows from a vehicle's description, or why it does not."""
 
     name: str
     words: str
@@ -108,14 +108,14 @@ class Implied:
 
 @dataclass(frozen=True, slots=True)
 class Implications:
-    """All of them."""
+    """All implied numbers, and contradictions to the description."""
 
     numbers: tuple[Implied, ...] = ()
     contradictions: tuple[str, ...] = ()
 
 
 class Horizon(Enum):
-    """How far ahead a prediction looks."""
+    """Horizon of a prediction."""
 
     ONE_STEP = "one_step"  # What is measured at a sample, of everything else that is measured there
     OPEN_LOOP = "open_loop"  # The state over a whole run, of its input alone
@@ -291,7 +291,7 @@ class QuantityTable(dict[str, QuantitySpec]):
 
     @property
     def across(self) -> tuple[AcrossFlights, ...]:
-        """What reports of fleets pool."""
+        """Pooling rules for reports of fleets."""
         return tuple(spec.across for spec in self.values() if spec.across is not None)
 
 

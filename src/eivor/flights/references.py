@@ -24,7 +24,7 @@ ESTIMATE = "estimate"
 #: Most combs of stamps that are put on the grid to see how it thins noise.
 COMBS = 24
 
-#: What is said of the noise of a sample: its standard deviation, or the sensor's data sheet.
+#: Declaration of the noise of a sample: its standard deviation, or the sensor's data sheet.
 Declared = float | DataSheet
 
 
@@ -39,7 +39,7 @@ class NoiseLevel(msgspec.Struct, frozen=True):
 
     @property
     def sentence(self) -> str:
-        """What is reported about it."""
+        """The noise in words."""
         text = f"{self.logged_std:.3g} {self.unit}".strip() + f" a sample, {self.source}"
         return text if self.std == self.logged_std else f"{text}, {self.std:.3g} on the grid"
 
@@ -165,7 +165,7 @@ PILOT_SHARE = 0.5
 #: The largest bend of a smooth series grows fourfold with twice the time between its samples, that of a kink
 #: twofold, that of a jump not at all; less than this is no smooth series.
 SMOOTH_GROWTH = 2.5
-#: Jumps are few: the largest bend is so many times that which nine bends out of ten stay below.
+#: Jumps are rare: the largest bend is this multiple of the quantile of bends at this share.
 RARE, RARE_SHARE = 8.0, 0.9
 #: A setpoint holds feedback where so much of its power is no slope, and so much of that what the other lacks.
 LEAST_FEEDBACK, FEEDBACK_SHARE = 1e-3, 0.5
@@ -275,7 +275,7 @@ def _reference(recording: Recording, source: ReferenceSource, grid: Grid, used: 
 
 
 def holds_feedback(values: Series, goal: Series, measured: Series, used: Mask) -> bool:
-    """Whether what a setpoint has beside the slope of another is for the most part what that lacks."""
+    """Whether a setpoint, beyond the slope of another, mostly follows the other's tracking error."""
     columns = np.column_stack([np.ones(goal.size), np.gradient(goal), goal - measured, values])[used]
     if len(columns) < FEWEST_VALUES:
         return False
@@ -312,26 +312,26 @@ def _continued(values: Series, resets: list[slice]) -> Series:
 
 
 def measured_resets(reference: Series, measured: Series, step_s: float) -> list[slice]:
-    """Where a reference is set to what it asks for: by a jump onto it, or for as long as both are equal."""
-    reach, away = max(round(RESET_S / step_s), 1), np.abs(reference - measured)
+    """Resets of a reference to its measured value: jumps onto it, or stretches where both are equal."""
+    span, distance = max(round(RESET_S / step_s), 1), np.abs(reference - measured)
     coincidences = np.zeros(reference.size, dtype=np.bool_)
-    if reference.size > 4 * reach:
-        before, after = reference[reach : -3 * reach], reference[3 * reach : -reach]
-        earlier, later = before - reference[: -4 * reach], reference[4 * reach :] - after
+    if reference.size > 4 * span:
+        before, after = reference[span : -3 * span], reference[3 * span : -span]
+        earlier, later = before - reference[: -4 * span], reference[4 * span :] - after
         jump = np.abs(after - before - earlier - later)
         alike = np.abs(later - earlier) < JUMP_SHARE * jump  # at a kink the slope changes by more
-        gap, left = away[reach : -3 * reach], away[3 * reach : -reach]
-        whole = -_largest_around(-jump, reach + 1) > JUMP_SHARE * gap
-        onto = whole & alike & (left < ONTO_SHARE * gap) & (gap > LEAST_RESET)
-        coincidences[2 * reach : -2 * reach] = onto
+        gap, remainder = distance[span : -3 * span], distance[3 * span : -span]
+        complete = -_largest_around(-jump, span + 1) > JUMP_SHARE * gap
+        onto = complete & alike & (remainder < ONTO_SHARE * gap) & (gap > LEAST_RESET)
+        coincidences[2 * span : -2 * span] = onto
     width = max(round(EQUAL_S / step_s), 2)
-    moved = _largest_around(measured, width) + _largest_around(-measured, width)
-    equal = (_largest_around(away, width) < EQUAL_SHARE * moved) & (moved > LEAST_RESET)
-    return stretches(_largest_around(coincidences, 2 * reach + 1) | _largest_around(equal, width + 3))
+    movement = _largest_around(measured, width) + _largest_around(-measured, width)
+    equal = (_largest_around(distance, width) < EQUAL_SHARE * movement) & (movement > LEAST_RESET)
+    return stretches(_largest_around(coincidences, 2 * span + 1) | _largest_around(equal, width + 3))
 
 
 def _largest_around(values: np.ndarray, width: int) -> np.ndarray:
-    """Largest of so many values around each, mirrored at the ends (scipy.ndimage takes longer to import)."""
+    """Moving maximum, mirrored at the ends (scipy.ndimage takes longer to import)."""
     largest, reach = np.pad(values, (width // 2, width - width // 2 - 1), mode="symmetric"), 1
     while 2 * reach <= width:
         largest, reach = np.maximum(largest[:-reach], largest[reach:]), 2 * reach
@@ -357,7 +357,7 @@ def with_headed_references(log: Recording) -> Recording:
     if len(attitude) < 4 or len({item.time_s.tobytes() for item in attitude}) > 1:
         return log
     headings = roll_pitch_yaw(np.stack([item.values for item in attitude]))[2]
-    known, made = np.isfinite(headings), dict(log.channels)
+    known, channels = np.isfinite(headings), dict(log.channels)
     for number, kind in enumerate(KINDS if known.any() else ()):
         x, y = (log.channels.get(f"reference_{kind}_{axis}") for axis in "xy")
         if x is None or y is None:
@@ -371,16 +371,16 @@ def with_headed_references(log: Recording) -> Recording:
         along_x, along_y = (
             _along(log, kind, axis, time_s[used], row[used]) for axis, row in zip("xy", across, strict=True)
         )
-        turned = np.exp(-1j * heading) * (along_x + 1j * along_y)
-        for names, values in zip(HEADED.values(), (turned.real, turned.imag), strict=True):
-            whole, name = np.full(time_s.size, np.nan), names[number]
-            whole[used] = values
-            made[name] = replace(x, name=name, time_s=time_s, values=whole)
-    return replace(log, channels=made)
+        on_heading = np.exp(-1j * heading) * (along_x + 1j * along_y)
+        for names, values in zip(HEADED.values(), (on_heading.real, on_heading.imag), strict=True):
+            series, name = np.full(time_s.size, np.nan), names[number]
+            series[used] = values
+            channels[name] = replace(x, name=name, time_s=time_s, values=series)
+    return replace(log, channels=channels)
 
 
 def _along(log: Recording, kind: str, axis: str, time_s: Series, values: Series) -> Series:
-    """A setpoint along an axis without what answers the vehicle; of a position the slope."""
+    """A setpoint along an axis without feedback; of a position its slope."""
 
     def at_stamps(name: str) -> Series | None:
         if (channel := log.channels.get(name)) is None:

@@ -61,7 +61,7 @@ def _outputs() -> Any:
 SATURATED_SHARE = 0.01
 #: Blocks of time of the residual that is looked at for swings.
 SWING_BLOCKS = 128
-#: Runs from which each is left out by itself; fewer are cut into tenths.
+#: Least number of runs for leaving out single ones; fewer are cut into tenths.
 FEWEST_RUNS = 3
 
 
@@ -125,7 +125,7 @@ def fit_diagnostics(traces: tuple[quantity.Trace, ...], estimate: Estimate) -> F
 
 
 def fit_numbers(checks: FitDiagnostics, estimate: Estimate, headline: tuple[str, ...]) -> dict[str, float]:
-    """The same as numbers by name; `headline` names the parameters that are looked at more closely."""
+    """Diagnostics as numbers by name; `headline` names the parameters with detailed ones."""
     index = {name: estimate.names.index(name) for name in headline if name in estimate.names}
     agreement, memory, against = checks.agreement, checks.memory, checks.endogeneity
     by_axis = checks.memory_by_axis
@@ -147,8 +147,8 @@ def fit_numbers(checks: FitDiagnostics, estimate: Estimate, headline: tuple[str,
         **{f"residual_memory_{axis.replace(' ', '_')}": each.memory for axis, each in by_axis.items()},
     }
     for name, position in index.items():
-        moved = NAN if against is None else against.difference[position]
-        numbers[f"least_squares_{name}"] = float(estimate.parameters[name] - moved)
+        shift = NAN if against is None else against.difference[position]
+        numbers[f"least_squares_{name}"] = float(estimate.parameters[name] - shift)
     numbers["least_squares_p_value"] = NAN if against is None else against.p_value
     numbers["constancy_p_value"] = NAN if constant is None else constant.p_value
     numbers["constancy_break"] = NAN if constant is None else constant.break_at
@@ -248,7 +248,7 @@ class Fit:
     lag_prior: LagPrior | None = None  # What was known of the lag from elsewhere
     sets: Mapping[str, ParameterSets] = field(default_factory=dict)  # 95 %, of the motion's headline
     sensors: SensorAgreement | None = None  # Whether two measurements of the response agree, as logged
-    #: Problem and estimate without what was known of the lag
+    #: Problem and estimate without the prior of the lag
     without_prior: tuple[SeparableProblem, Estimate] | None = None
     pooled: Pooled | None = None  # Behind a pool some of whose parameters belong to the flight
     #: 95 % profile sets of such a pool, or of a flight of it: intervals of what instruments identify well

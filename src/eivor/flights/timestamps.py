@@ -53,11 +53,11 @@ def period_from_aliasing(time_s: Float[np.ndarray, " n"], shortest_s: float) -> 
     return max(fitting)[1] if fitting else None
 
 
-def _line(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"]) -> float | None:
+def _line(number: Int[np.ndarray, " n"], offsets: Float[np.ndarray, " n"]) -> float | None:
     """Frequency of the strongest line; None where none is beyond chance."""
     row = np.zeros(int(number[-1]) + 1)
-    row[number] = away
-    power = np.abs(np.fft.rfft(row)) ** 2 / float(away @ away)
+    row[number] = offsets
+    power = np.abs(np.fft.rfft(row)) ** 2 / float(offsets @ offsets)
     frequency = np.fft.rfftfreq(row.size)
     power[frequency < SLOWEST] = 0.0
     index = int(np.argmax(power))
@@ -65,12 +65,12 @@ def _line(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"]) -> float
         return None
     near = frequency[index] + np.linspace(-1.0, 1.0, CLOSELY) / row.size
     near = np.append(near[near < 0.5], 0.5) if near[-1] > 0.5 else near
-    result = np.abs(np.exp(-2j * np.pi * np.outer(near, number)) @ away)
+    result = np.abs(np.exp(-2j * np.pi * np.outer(near, number)) @ offsets)
     return float(near[int(np.argmax(result))])
 
 
 def _saw(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"], turns: float) -> tuple[float, float]:
-    """Size [s] of the saw of so many turns per stamp at its best phase, and what it explains."""
+    """Amplitude [s] of a sawtooth of a frequency at its best phase, and the power that it explains."""
     phases = (np.arange(PHASES) + 0.5)[:, None] / PHASES
     saws = -np.mod(phases + np.mod(turns, 1.0) * number, 1.0)
     saws -= saws.mean(axis=1, keepdims=True)
@@ -83,11 +83,11 @@ def _saw(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"], turns: fl
 EVEN_SHARE = 0.03
 #: A distance of more medians than this is a pause.
 UNEVEN_PAUSE = 3.0
-#: The slope is taken over so many samples to both sides.
+#: Samples to both sides over which the slope is taken.
 SLOPE_REACH = 5
 #: Fewer samples carry no information.
 FEWEST_SAMPLES = 100
-#: A coefficient is distinguished from one half when it is so many standard errors from it.
+#: Standard errors by which a coefficient must differ from one half.
 DISTINCT_ERRORS = 3.0
 
 
@@ -144,7 +144,7 @@ BEYOND_CHANCE = 3.2
 FIT_MARGIN = 0.02
 #: So small a share of distances that are no multiples of the usual one are a logger's slips.
 ODD_SHARE = 0.002
-#: So many stamps say as much as all of a day.
+#: Largest number of stamps that is read.
 MOST_COMMAND_STAMPS = 20_000
 #: No controller of a vehicle's height runs at shorter steps [s].
 SHORTEST_STEP_S = 0.001
@@ -163,9 +163,9 @@ BAND_SHARE = 1.0 / 40.0
 #: Values that repeat are those of a logger that looks what is in force: this share of them or more, each no
 #: more than so many times, and in a command whose usual change is so many times its least.
 REPEATED_SHARE, MOST_TIMES, USUAL_CHANGES = 0.05, 4, 20.0
-#: Parts of a distance of stamps in which what was issued is not known to be held.
+#: Parts of a distance of stamps within which commands are not known to be held.
 FINE_PARTS = 8
-#: A controller runs at up to so many times the rate that it is set to.
+#: Largest ratio of a controller's rate to its setting.
 NOMINAL = 1.2
 #: Another channel is logged more often when its step is shorter than this share of the command's.
 MORE_OFTEN = 0.7
@@ -182,7 +182,7 @@ class Clock(msgspec.Struct, frozen=True):
 
     @property
     def locked_s(self) -> float:
-        """How far a stamp may lie from the middle of what such a loop holds [s]."""
+        """Largest distance of a stamp from the middle of a command's hold in such a loop [s]."""
         shortest_s = self.issued_s if self.is_known else SHORTEST_STEP_S
         return 0.5 * max(min(self.logged_s, SLOWEST_LOOP_S) - shortest_s, 0.0) if self.is_even else 0.0
 
@@ -193,7 +193,7 @@ class Clock(msgspec.Struct, frozen=True):
 
     @property
     def slack_s(self) -> float:
-        """What the command may be late or early by, since the log does not show when it was issued [s]."""
+        """Largest error of the command's time, where the log does not show when it was issued [s]."""
         return 0.0 if self.is_known else 0.5 * self.issued_s
 
     def band_hz(self, band_hz: tuple[float, float]) -> tuple[float, float]:
@@ -203,7 +203,7 @@ class Clock(msgspec.Struct, frozen=True):
 
     @property
     def sentence(self) -> str:
-        """What is done about commands that the log may not hold."""
+        """Treatment of commands that the log may not hold, in words."""
         logged, issued = 1e3 * self.logged_s, 1e3 * self.issued_s
         if self.looked:
             return (
@@ -334,7 +334,7 @@ def as_issued(command: Channel, clock: Clock) -> Channel:
     share = (np.arange(interval.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[interval]
     stamps = time[interval] + share * distances[interval]
     change = np.where(parts > 1, np.diff(np.nan_to_num(values)), 0.0)
-    # a part holds the mean of the line over it; what was issued then was held for as long, or not at all
+    # a part holds the mean of the line over it, as long as a command was held
     held_s = 0.0 if clock.looked else clock.issued_s
     share = share + 0.5 * (1.0 / parts - held_s / distances)[interval]
     return replace(
@@ -344,7 +344,7 @@ def as_issued(command: Channel, clock: Clock) -> Channel:
     )
 
 
-#: Stamps far apart are off by no more than so many times what neighbours are.
+#: Largest ratio of errors of distant stamps to those of neighbours.
 ERROR_GROWTH_LIMIT = 1.15
 
 

@@ -103,7 +103,7 @@ def track(result: FlightEstimate, memory_s: float | None = None, parameter: str 
 
 
 def with_slow_air(follower: Follower, rows: TimedRows, forgetting: Forgetting) -> Follower:
-    """With the intercept's prior as wide as slow air moves residuals, or less where movement says so."""
+    """With the intercept's prior as wide as slow residuals, or narrower by the movement."""
     *priors, intercept = follower.priors
     if intercept is None:
         return follower

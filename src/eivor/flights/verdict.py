@@ -49,7 +49,7 @@ class Instruments(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class MotionChecks:
-    """What a motion alone finds out about an estimate: for its rules, for reports and for documents."""
+    """Tests of an estimate by a motion itself, for its rules, reports and documents."""
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -64,7 +64,7 @@ class MotionChecks:
 
 @dataclass(frozen=True, slots=True)
 class VerdictInputs:
-    """What rules and systematic parts read."""
+    """Inputs of rules and systematic parts."""
 
     flights: tuple[PreparedFlight, ...]  # Those used
     #: Slowest command, and the fastest of what was measured over the slowest flight [Hz]
@@ -79,7 +79,7 @@ class VerdictInputs:
     sensors: SensorAgreement | None = None  # Whether two measurements of one response agree
     used_s: float = math.inf  # Time used of all flights [s]
     order_given: bool = False  # Of the response
-    #: Share of the variance of each joint parameter that what is known beforehand makes
+    #: Share of the variance of each joint parameter that comes from priors
     prior_share: Mapping[str, float] = field(default_factory=dict)
     #: Conditional first-stage F of each joint parameter; NaN without instruments
     first_stage: Mapping[str, float] = field(default_factory=dict)
@@ -97,7 +97,7 @@ class VerdictInputs:
 
     @property
     def p_value(self) -> float:
-        """Of the over-identification test; one without instruments to spare."""
+        """P-value of the over-identification test; 1 without surplus instruments."""
         return 1.0 if self.agreement is None else self.agreement.p_value
 
     def weakest(self, names: Sequence[str]) -> tuple[str, float] | None:
@@ -112,30 +112,30 @@ class VerdictInputs:
 
     @property
     def swing(self) -> Swing | None:
-        """What the model leaves over that varies periodically; None where nothing does."""
+        """Significant periodic variation of the residual; None without."""
         left_over = () if self.periodicity is None else self.periodicity.left_over
         significant = [item for item in left_over if item.p_value < SIGNIFICANT]
         return min(significant, key=lambda item: item.p_value, default=None)
 
     def factor(self, times: float, name: str) -> tuple[float, float]:
-        """What so many times the errors of the flights are to an interval: what was given stays as it is."""
+        """Factor of an interval for larger errors of the flights, which do not change its prior part."""
         given = self.prior_share.get(ACTUATOR_LAG.name if name == EFFECTIVE_LAG else name, 0.0)
         whole = math.sqrt(times**2 * (1.0 - given) + given)
         return (whole, whole) if whole > 1.0 + LEAST_FACTOR else (0.0, 0.0)
 
     @property
     def moved(self) -> str:
-        """How much the flights moved, with a blank before it."""
+        """Excitation of the flights in words, after a blank."""
         return f" {self.excitation}" if self.excitation else ""
 
     @property
     def command_slack_s(self) -> float:
-        """What the stamps of the commands leave open of when they were issued [s]."""
+        """Uncertainty of the times at which commands were issued [s]."""
         return max((flight.command_slack_s for flight in self.flights), default=0.0)
 
     @property
     def locked_s(self) -> float:
-        """How far commands may lie from the middle of what a loop in step with the log holds [s]."""
+        """Largest distance of commands from the middle of their hold in a loop in step with the log [s]."""
         return max((flight.locked_s for flight in self.flights), default=0.0)
 
     @property
@@ -159,7 +159,7 @@ DOUBTFUL = 0.05
 
 
 class SystematicPart(msgspec.Struct, frozen=True):
-    """A row of a motion's table: what one cause may do to some quantities."""
+    """A row of a motion's table: effect of one cause on some quantities."""
 
     quantities: tuple[str, ...]
     counts: Counts
@@ -172,7 +172,7 @@ def disagreement_part(quantities: tuple[str, ...]) -> SystematicPart:
     """Row of references or sensors that disagree: errors are larger than the residual says (Birge 1932)."""
 
     def factors(inputs: VerdictInputs) -> tuple[float, float]:
-        # references show what a tilt does that is estimated; one that is not shows in the sensors
+        # an estimated tilt shows by references, another one in the sensors
         sensors = inputs.sensors
         blind = sensors is not None and not any(name.startswith("tilt") for name in sensors.differences)
         of_sensors = sensors.agreement if sensors is not None and blind else None
@@ -193,7 +193,7 @@ def disagreement_part(quantities: tuple[str, ...]) -> SystematicPart:
 
 
 def birge_factor(test: OverIdentification | None) -> float:
-    """Ratio of the errors of equations that are left over to what they should be; one where they agree."""
+    """Ratio of residual errors of surplus equations to their expectation; 1 where these agree."""
     if test is None or not test.degrees or not test.p_value < DOUBTFUL:
         return 1.0
     if test.p_value < SIGNIFICANT:
@@ -214,7 +214,7 @@ def clock_part(quantities: tuple[str, ...], counts: Counts = Counts.ADDED) -> Sy
 UNSEEN = "The log does not show how often its command was issued: "
 #: Gain of a loop of rates over its lag, that of rotors and of sensors [s]; half of an attitude's hold [s].
 RATE_LOOP, SENSING_S, ATTITUDE_HOLD_S = 0.45, 0.005, 0.0025
-#: What it does to damping over what it does to gains: the loop's gain [1/s], in PX4 6.5, of a Crazyflie 6.
+#: Ratio of its effects on damping and on gains: the loop's gain [1/s], in PX4 6.5, of a Crazyflie 6.
 ATTITUDE_GAIN = 6.5
 LOCKED = "The log's stamps are even, and a slower loop of the controller may run in step with them: "
 
@@ -267,14 +267,14 @@ def clock_parts(
 def systematic_uncertainties(
     parts: Iterable[SystematicPart], inputs: VerdictInputs
 ) -> dict[str, tuple[SystematicUncertainty, ...]]:
-    """Parts by quantity, those that are zero or next to it left out."""
+    """Parts by quantity, without negligible ones."""
     results: dict[str, tuple[SystematicUncertainty, ...]] = {}
     for part in parts:
         for name in part.quantities:
             if name not in inputs.quantities:
                 continue
             size = part.size(inputs, name)
-            # of what is not known there is no part
+            # unknown quantities have no part
             below, above = size if isinstance(size, tuple) else 2 * (size if math.isfinite(size) else 0.0,)
             half = inputs.quantities[name].half_width
             if max(below, above) > (NEGLIGIBLE * half if math.isfinite(half) else 0.0):
@@ -328,7 +328,7 @@ def reasons_by_quantity(
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """How wide the interval of a quantity may be: half of it, as a share of the value or in its unit."""
+    """Limits of a quantity's half-width, as a share of the value or in its unit."""
 
     identified: float = 0.0  # Share of the value
     weak: float = math.inf  # The same; wider is refused
@@ -422,7 +422,7 @@ def below_zero_rule(name: str, of: QuantitySpec, status: Status, why: str, remed
 
 
 def _anywhere(low: float, high: float) -> str:
-    """Where a set with or without ends lies, in words."""
+    """A bounded or unbounded set in words."""
     if math.isfinite(low) and math.isfinite(high):
         return f"anywhere in [{plain(low)}, {plain(high)}]"
     bounds = [f"above {plain(low)}"] * math.isfinite(low) + [f"below {plain(high)}"] * math.isfinite(high)

@@ -152,7 +152,7 @@ class AxisEquation:
 
     def instruments(self, signals: Signals, rule: InstrumentRule, excluded: set[str]) -> np.ndarray:
         """Lags of its own references and nonlinear terms of them, or past inputs."""
-        # an equation may hold what another one drives alone
+        # an equation may have no input of its own, but states of another
         inputs = [mean_of(signals.family(name)) for name in self.inputs]
         commands = inputs or [np.zeros(signals.sample_count)]
         if not isinstance(rule, LaggedReferences):
@@ -259,7 +259,7 @@ class DeclaredMotion(motion.Motion[R]):
         return [{self.axes.index(axis): axis for axis in logged_axes(self.axes, flights)}] * len(flights)
 
     def signals(self, flight: PreparedFlight, axis: AxisEquation) -> Signals:
-        """What an equation of a flight is evaluated over."""
+        """Signals of an equation of a flight."""
         return _equally_smooth(flight, axis.averaged)
 
     def problem(self, flights: motion.Flights, rule: InstrumentRule) -> R:
@@ -434,7 +434,7 @@ def _predicted(
 KNOT_RATIO, LAST_KNOT_S = 1.25, 8.0
 #: A plan is in use for this share of its time at least.
 LEAST_USED = 0.5
-#: Share of the power of an acceleration that is left out above its highest frequency.
+#: Share of the power of an acceleration above its highest frequency.
 TAIL = 0.02
 #: Ridges that weights are chosen from, as shares of the largest singular value squared.
 RIDGES = np.geomspace(1e-14, 1e-2, 25)
@@ -608,7 +608,7 @@ def _highest_hz(series: Float[np.ndarray, " n"], step_s: float) -> float:
 def _ridge_weights(
     columns: Float[np.ndarray, "n k"], targets: Float[np.ndarray, "n m"], independent: float
 ) -> Float[np.ndarray, "k m"]:
-    """Weights with the ridge of least generalized cross-validation, of so many independent samples."""
+    """Ridge weights by generalized cross-validation, for a number of independent samples."""
     U, s, Vt = np.linalg.svd(columns, full_matrices=False)
     parts, results = U.T @ targets, []
     for part, power in zip(parts.T, (targets**2).sum(axis=0), strict=True):

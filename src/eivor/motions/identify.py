@@ -171,9 +171,9 @@ def _task(
     progress: Progress,
     choices: Mapping[str, Any],
 ) -> Task:
-    given = [recordings] if isinstance(recordings, Recording | str) else recordings
-    checks.kind("recordings", given, Iterable, "a Recording or several", READ_FIRST)
-    logs = list(given)
+    items = [recordings] if isinstance(recordings, Recording | str) else recordings
+    checks.kind("recordings", items, Iterable, "a Recording or several", READ_FIRST)
+    logs = list(items)
     if not all(isinstance(log, Recording) for log in logs):
         raise UsageError("recordings", ", ".join(sorted({type(log).__name__ for log in logs})), READ_FIRST)
     if not logs:
@@ -191,12 +191,12 @@ def _task(
 
 
 def _chosen(options: FlightOptions | None, choices: Mapping[str, Any]) -> FlightOptions:
-    start = FlightOptions() if options is None else options
-    checks.kind("options", start, FlightOptions, "FlightOptions", "Give ev.FlightOptions(...), or nothing.")
+    base = FlightOptions() if options is None else options
+    checks.kind("options", base, FlightOptions, "FlightOptions", "Give ev.FlightOptions(...), or nothing.")
     known = {field.name: field.default for field in fields(FlightOptions)}
     for name in choices:
         checks.index_of("choices", name, known)
-    twice = ", ".join(name for name in choices if getattr(start, name) != known[name])
+    twice = ", ".join(name for name in choices if getattr(base, name) != known[name])
     if twice:
         raise UsageError("each choice once", f"{twice} in options= and by name", "Leave out one of them.")
-    return replace(start, **choices)
+    return replace(base, **choices)

@@ -47,7 +47,7 @@ AVERAGES = 8
 TIME_CONSTANTS_S = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0)
 #: Instruments in excess of the unknowns.
 SPARE_INSTRUMENTS = 2
-#: A machine stands still below this share of its usual speed, or so many times the noise of that.
+#: A machine stands still below this share of its usual speed, or this multiple of its noise.
 STANDSTILL_SHARE, STANDSTILL_NOISES = 0.02, 3.0
 #: Less than this share of a log in use is refused; of the default rule, less than that is weak.
 LEAST_ACTIVE, CLEARLY_ACTIVE = 0.2, 0.7
@@ -76,9 +76,9 @@ class MachineChannel:
     @property
     def canonical(self) -> CanonicalChannel:
         """The channel as logs know it."""
-        clean = self.role == "reference" and not self.feedback
+        exogenous = self.role == "reference" and not self.feedback
         free = self.role == "input" and not self.unit
-        return CanonicalChannel(self.name, self.unit, held=self.held, free_unit=free, exogenous=clean)
+        return CanonicalChannel(self.name, self.unit, held=self.held, free_unit=free, exogenous=exogenous)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ class Derived:
 
 @dataclass(frozen=True)
 class Activity:
-    """Which samples count."""
+    """Rule for the samples that count."""
 
     when: str = ""  # A condition over channels; empty for none
     moving: tuple[str, ...] = ()  # Expressions whose sign stands in a term: below a threshold it is not known
@@ -338,10 +338,10 @@ class Machine(DeclaredMotion[LaggedRuns]):
         intercept = next((Prior(x * item.mean, abs(x) * item.std) for item, x in intercepts if item), None)
         # of several equations the one with this parameter
         columns = next(item for item in problem.columns if item.axis == number)
-        parameters, still = {term.parameter for term in order}, problem.still
-        fixed = [k for k in range(still) if problem.parameters[k] in parameters]
+        parameters, fixed_count = {term.parameter for term in order}, problem.still
+        fixed = [k for k in range(fixed_count) if problem.parameters[k] in parameters]
         used = [problem.parameters[k] for k in fixed]
-        used += [item for item in problem.parameters[still:] if item in parameters]
+        used += [item for item in problem.parameters[fixed_count:] if item in parameters]
         columns = replace(columns, fixed=columns.fixed[:, fixed], moved=None)
         runs = replace(problem, columns=(columns,), parameters=tuple(used))
         return quantity.TrackedParameter(name, runs, known, intercept, tuple(sentences))
@@ -579,7 +579,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
         return deviations(flights, ((c.name.replace("_", " "), c.name, c.unit, 1.0) for c in moving))
 
     def _findings(self, flights: Flights, _quantities: Mapping[str, Quantity]) -> tuple[Finding, ...]:
-        """How much of the logs counts, where that is not all."""
+        """Share of the logs that counts, unless it is all."""
         share = 1.0 - _active_share(flights)
         if self.activity.when or not (self.activity.moving and share):
             return ()
@@ -624,7 +624,7 @@ STANDSTILL = verdict.Rule(
 
 @dataclass(frozen=True, slots=True)
 class MachineChecks(verdict.MotionChecks):
-    """P-values of the test that a reference answers what disturbs the machine."""
+    """P-values of the test for references that respond to disturbances."""
 
     answers: Mapping[str, float]
 
@@ -635,8 +635,8 @@ class MachineChecks(verdict.MotionChecks):
     @property
     def answering(self) -> str:
         """References that answer, by name."""
-        least = ANSWER_P_VALUE / max(len(self.answers), 1)
-        return ", ".join(name for name, value in self.answers.items() if value < least)
+        limit = ANSWER_P_VALUE / max(len(self.answers), 1)
+        return ", ".join(name for name, value in self.answers.items() if value < limit)
 
 
 ANSWERING = verdict.Rule(

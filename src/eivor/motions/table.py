@@ -91,7 +91,7 @@ def loaded_motion(name: str) -> Motion[Any]:
 
 
 def wording_of(quantity: str) -> QuantitySpec | None:
-    """How a quantity of that name is called in Eivor's own motions; None when none of them has it."""
+    """Specification of a quantity of that name in Eivor's own motions; None without."""
     wordings = (motion_by_name(name).quantities.get(quantity) for name in _OWN)
     return next((wording for wording in wordings if wording is not None), None)
 

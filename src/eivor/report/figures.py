@@ -69,7 +69,7 @@ def _draw_ahead_over_time(
         words = f"error of {words}"
     for item, colour in _coloured(models):
         if item.series is None or item.model != UNCHANGED:
-            values = item.left[displayed, -1] if item.series is None else item.series[displayed, 1]
+            values = item.sizes[displayed, -1] if item.series is None else item.series[displayed, 1]
             ax.plot(time, _unbroken(time, times * values), color=colour, lw=1.0)
     plots.labelled(ax, x="time [s]", y=words, size=9.0)
     ax.margins(x=0.005)
@@ -104,7 +104,7 @@ def _liveliest(prediction: MultiStepPrediction) -> slice:
     """Starts within the part of a flight in which most happens that does not stay as it is."""
     time = prediction.start_s
     stayed = [models[-1] for models in prediction.by_quantity]
-    errors = [(np.nan_to_num(item.left[:, -1] / (item.rms[-1] or 1.0))) ** 2 for item in stayed]
+    errors = [(np.nan_to_num(item.sizes[:, -1] / (item.rms[-1] or 1.0))) ** 2 for item in stayed]
     step = float(np.median(np.diff(time))) if time.size > 1 else AHEAD_SHOWN_S
     return plots.of_most_power(np.sum(errors, axis=0), max(round(AHEAD_SHOWN_S / step), 1))
 

@@ -372,8 +372,8 @@ def _lag_prior(given: LagPrior) -> Json:
     return {
         # a prior has the first two, bounds the others
         **{name: getattr(given.known, name, None) for name in ("mean", "std", "low", "high")},
-        "alone": given.alone.value,
-        "alone_interval": given.alone.interval,
+        "alone": given.flight_lag.value,
+        "alone_interval": given.flight_lag.interval,
         "p_value": given.p_value,
         "told_by": given.source or None,
         "told_interval": interval,

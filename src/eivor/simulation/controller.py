@@ -206,7 +206,7 @@ class Cascade:
 
 @dataclass(frozen=True, slots=True)
 class Mixer:
-    """From normalised thrust and torques to the rotors' commands."""
+    """Allocation of normalised thrust and torques to the rotors."""
 
     shares: tuple[tuple[Value, Value, Value, Value], ...]
     thrust_linear: Value  # shape (flights,)
@@ -215,7 +215,7 @@ class Mixer:
     most: Value  # shape (flights,)
 
     def commands(self, thrust: Value, torques: Triple) -> list[Value]:
-        """Rotor speeds whose thrusts have this sum and these torques, as far as the rotors can."""
+        """Rotor speeds for a thrust and torques, within the rotors' limits."""
         roll, pitch, yaw = torques
         linear, quadratic = self.thrust_linear, self.thrust_quadratic
         speeds = []

@@ -285,7 +285,7 @@ def autoregression(
 
 
 def constant(coefficients: tuple[float, ...], count: int) -> Float[np.ndarray, "n lags"]:
-    """The same coefficients at every sample."""
+    """Constant coefficients at every sample."""
     return np.broadcast_to(np.array(coefficients, dtype=np.float64), (count, len(coefficients)))
 
 

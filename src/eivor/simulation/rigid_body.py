@@ -196,9 +196,9 @@ class RigidBodyFlightSpec:
     def __post_init__(self) -> None:
         checks.in_ranges(self, "Correct the flight's description.")
         for name in ("rate_hz", "attitude_hz", "height_hz"):
-            self._whole(f"{name} of the controller", self.rate_hz / getattr(self.controller, name))
-        self._whole("attitude_hz of the controller", self.controller.rate_hz / self.controller.attitude_hz)
-        self._whole("height_hz of the controller", self.controller.rate_hz / self.controller.height_hz)
+            self._check(f"{name} of the controller", self.rate_hz / getattr(self.controller, name))
+        self._check("attitude_hz of the controller", self.controller.rate_hz / self.controller.attitude_hz)
+        self._check("height_hz of the controller", self.controller.rate_hz / self.controller.height_hz)
         steps = self.vehicle.rotors.delay * self.rate_hz
         if abs(steps - round(steps)) > 1e-6:
             raise ParameterError(
@@ -207,9 +207,9 @@ class RigidBodyFlightSpec:
                 "Correct it, or the simulation's rate_hz.",
             )
 
-    def _whole(self, what: str, periods: float) -> None:
+    def _check(self, name: str, periods: float) -> None:
         if not (periods > 0.5 and abs(periods - round(periods)) < 1e-6):
-            expected = f"{what} that is the rate of the simulation, and of its rate loop, over a whole number"
+            expected = f"{name} that is the rate of the simulation, and of its rate loop, over a whole number"
             remedy = f"The simulation has {self.rate_hz:g} Hz, its rate loop {self.controller.rate_hz:g} Hz."
             raise ParameterError(expected, f"{periods:g} periods of these in one of its own", remedy)
 
@@ -289,7 +289,7 @@ def quaternions(angles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
 
 
 def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
-    """Text of the vehicle file of a flight's vehicle; what a flight is to identify is not in it."""
+    """Text of the vehicle file of a flight's vehicle, without parameters to be identified."""
     rotors, sensors = spec.vehicle.rotors, spec.sensors
     lines = ["# The simulated vehicle as it is: every number is exact.", f"name = {_text(name)}"]
     lines.append(f"mass = {spec.vehicle.mass!r}")

@@ -131,7 +131,7 @@ class ExactSubstep:
     def end(
         self, command: Flights, state: Flights, z: Flights, v: Flights, gust: Flights, lift: Flights
     ) -> tuple[Flights, Flights, Flights]:
-        """Rotor state, height and velocity at the end; K_u times `lift` is what the state does upwards."""
+        """Rotor state, height and velocity at the end; K_u times `lift` is the upward gain of the state."""
         deviation = state - command
         gain = self._K_u * lift
         D0 = gain * command**2 + self._K * gust - GRAVITY
@@ -165,7 +165,7 @@ class VerticalFlightSpec:
     accelerometer_bias: Annotated[float, (-2.0, 2.0)] = 0.0  # Constant error of the specific force [m/s^2]
     # Standard deviation of roll and of pitch [rad], before they are smoothed
     tilt_rms: Annotated[float, (0.0, 0.2)] = 0.05
-    # What K_u is multiplied by in the end; its controller does not know
+    # Final factor of K_u, unknown to the controller
     gain_after: Annotated[float, (0.4, 2.0)] = 1.0
     # When it begins to change [s], and how long it takes [s]: zero for at once
     gain_changes_at: Annotated[float, (0.0, 3600.0)] = 30.0

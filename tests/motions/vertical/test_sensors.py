@@ -32,7 +32,7 @@ from eivor.motions.vertical.misspecification import (
     turned,
 )
 from eivor.motions.vertical.motion import Vertical
-from eivor.motions.vertical.predict import _run, dragged_run
+from eivor.motions.vertical.predict import _response_of_run, dragged_run
 from eivor.report.json_document import json_document, json_text
 from eivor.report.outputs import saved_fit
 from eivor.report.saved_fit import fit_of
@@ -423,7 +423,9 @@ def test_climbs_with_drag_are_predicted_of_the_input_alone():
     reported = dragged_run(force[::fine], v[::fine], slice(None), K, K_2, step)
     np.testing.assert_allclose(reported, v[::fine], atol=0.01)
     linear = dragged_run(force[::fine], v[::fine], slice(None), K, 0.0, step)
-    np.testing.assert_allclose(linear, _run(force[::fine], v[::fine], slice(None), K, step), atol=1e-6)
+    np.testing.assert_allclose(
+        linear, _response_of_run(force[::fine], v[::fine], slice(None), K, step), atol=1e-6
+    )
     assert np.sqrt(np.mean((linear - v[::fine]) ** 2)) > 0.05
 
 

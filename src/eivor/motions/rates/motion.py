@@ -216,13 +216,13 @@ def _imitated_s(lag_s: float) -> float:
 
 @dataclass(frozen=True)
 class OrderChecks(verdict.MotionChecks):
-    """What a second stage of the actuators, which the flights leave open, would change of quantities."""
+    """Change of quantities by a second actuator stage that flights neither show nor exclude."""
 
     changes: Mapping[str, float] = field(default_factory=dict)
 
 
 def _second_stage(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
-    """What the order that is not chosen would take from a quantity and add to it."""
+    """Change of a quantity by the order that was not selected, down and up."""
     lag_s, second = inputs.quantities[ACTUATOR_LAG.name].value, inputs.quantities.get(lagged_runs.SECOND_LAG)
     if inputs.order_given:
         return 0.0, 0.0

@@ -42,7 +42,7 @@ SURE, LEAST_OFFSET_S = 3.0, 0.002
 
 @dataclass(frozen=True)
 class Calibration:
-    """What one comparison says of one number."""
+    """One number of a comparison of sensors."""
 
     what: str
     value: float
@@ -65,8 +65,8 @@ class Comparison:
     @cached_property
     def coherent(self) -> Bool[np.ndarray, " 3"]:
         """Axes that moved enough to be compared."""
-        turned = self.measured * self._turn(self._offset(np.ones(3, dtype=bool), slice(None)))
-        cross = np.abs((turned * self.derived.conj()).sum(axis=(0, 2))) ** 2
+        aligned = self.measured * self._turn(self._offset(np.ones(3, dtype=bool), slice(None)))
+        cross = np.abs((aligned * self.derived.conj()).sum(axis=(0, 2))) ** 2
         power = (np.abs(self.measured) ** 2).sum(axis=(0, 2)) * (np.abs(self.derived) ** 2).sum(axis=(0, 2))
         return np.asarray(cross >= COHERENT * power) & (power > 0.0)
 
@@ -76,23 +76,23 @@ class Comparison:
     def _offset(self, axes: Bool[np.ndarray, " 3"], stretches: slice | Sequence[int]) -> float:
         """Time by which the sensor is behind, of the largest correlation [s]."""
         weights = 1.0 / np.maximum((np.abs(self.derived) ** 2).sum(axis=(0, 2)), 1e-300)
-        each = self.measured[stretches] * self.derived[stretches].conj() * weights[:, None]
-        cross = each[:, axes].sum(axis=(0, 1))
+        cross_spectra = self.measured[stretches] * self.derived[stretches].conj() * weights[:, None]
+        cross = cross_spectra[:, axes].sum(axis=(0, 1))
         offsets = np.arange(-LARGEST_OFFSET_S, LARGEST_OFFSET_S + OFFSET_STEP_S, OFFSET_STEP_S)
         values = (np.exp(2j * np.pi * np.outer(offsets, self.frequency)) @ cross).real
         best = int(np.clip(np.argmax(values), 1, offsets.size - 2))
-        before, at, after = values[best - 1 : best + 2]
-        bend = before - 2.0 * at + after
-        return float(offsets[best] + (0.5 * (before - after) / bend * OFFSET_STEP_S if bend < 0.0 else 0.0))
+        left, middle, right = values[best - 1 : best + 2]
+        bend = left - 2.0 * middle + right
+        return float(offsets[best] + (0.5 * (left - right) / bend * OFFSET_STEP_S if bend < 0.0 else 0.0))
 
     def _gains(self, offset_s: float, stretches: slice | Sequence[int]) -> Float[np.ndarray, "3 3"]:
         """Least squares of the sensor's axes by the derived ones, of those that are coherent."""
         axes = np.flatnonzero(self.coherent)
         X = self.derived[stretches][:, axes]
         Y = self.measured[stretches] * self._turn(offset_s)
-        left = np.einsum("sif,sjf->ij", Y[:, axes], X.conj()).real
+        cross = np.einsum("sif,sjf->ij", Y[:, axes], X.conj()).real
         matrix = np.eye(3)
-        matrix[np.ix_(axes, axes)] = left @ np.linalg.pinv(np.einsum("sif,sjf->ij", X, X.conj()).real)
+        matrix[np.ix_(axes, axes)] = cross @ np.linalg.pinv(np.einsum("sif,sjf->ij", X, X.conj()).real)
         return matrix
 
     def numbers(self, stretches: slice | Sequence[int] = slice(None)) -> Float[np.ndarray, " k"]:
@@ -100,19 +100,19 @@ class Comparison:
         offset = self._offset(self.coherent, stretches)
         matrix = self._gains(offset, stretches)
         scales = np.diag(matrix)
-        turned, derived = self.measured[stretches] * self._turn(offset), self.derived[stretches]
-        power = np.maximum((np.abs(turned) ** 2).sum(axis=(0, 2)), 1e-300)
-        reverse = power / np.maximum((turned * derived.conj()).real.sum(axis=(0, 2)), 1e-9 * power)
+        aligned, derived = self.measured[stretches] * self._turn(offset), self.derived[stretches]
+        power = np.maximum((np.abs(aligned) ** 2).sum(axis=(0, 2)), 1e-300)
+        reverse = power / np.maximum((aligned * derived.conj()).real.sum(axis=(0, 2)), 1e-9 * power)
         turns = [0.5 * (matrix[b, a] / scales[a] - matrix[a, b] / scales[b]) for a, b in PAIRS]
         return np.array([offset, *scales, *reverse, *np.median(self.means[stretches], axis=0), *turns])
 
     @cached_property
     def estimates(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """The numbers and their standard errors, by leaving out two neighbouring stretches at a time."""
+        """The numbers and their jackknife standard errors, by pairs of neighbouring stretches."""
         count = len(self.measured)
-        kept = [np.delete(np.arange(count), [at, at + 1]).tolist() for at in range(0, count - 1, 2)]
-        made = np.stack([self.numbers(stretches) for stretches in kept])
-        spread = (len(made) - 1) / len(made) * ((made - made.mean(axis=0)) ** 2).sum(axis=0)
+        subsets = [np.delete(np.arange(count), [at, at + 1]).tolist() for at in range(0, count - 1, 2)]
+        runs = np.stack([self.numbers(stretches) for stretches in subsets])
+        spread = (len(runs) - 1) / len(runs) * ((runs - runs.mean(axis=0)) ** 2).sum(axis=0)
         return self.numbers(), np.sqrt(spread)
 
     def offset_s(self, filter_s: float) -> float:
@@ -129,29 +129,29 @@ class Comparison:
         return abs(offset) > LARGEST_OFFSET_S - 2.0 * OFFSET_STEP_S
 
     def table(self) -> Iterator[Calibration]:
-        """Numbers of the axes that moved."""
+        """Calibrations of the axes that moved."""
         values, errors = self.estimates
         quantile = t_quantile(0.95, len(self.measured) // 2 - 1)
-        moved = self.coherent
+        coherent = self.coherent
 
-        def number(what: str, index: int, unit: str, scale: float = 1.0) -> Calibration:
-            value, half = scale * float(values[index]), scale * quantile * float(errors[index])
-            return Calibration(what, value, (value - half, value + half), unit)
+        def number(label: str, index: int, unit: str, scale: float = 1.0) -> Calibration:
+            value, half_width = scale * float(values[index]), scale * quantile * float(errors[index])
+            return Calibration(label, value, (value - half_width, value + half_width), unit)
 
-        if moved.any():
+        if coherent.any():
             yield number(f"{self.sensor} behind the {self.kinematic}", 0, "ms", 1e3)
-        for axis in np.flatnonzero(moved).tolist():
+        for axis in np.flatnonzero(coherent).tolist():
             # noise of what kinematics makes attenuates the first, noise of the sensor raises the second
-            what = f"{self.sensor}, scale along {'xyz'[axis]}"
-            least, most = (number(what, at + axis, "") for at in (1, 4))
-            value = float(np.sqrt(max(least.value * most.value, 0.0)))
-            yield replace(least, value=value, interval=(least.interval[0], most.interval[1]))
+            label = f"{self.sensor}, scale along {'xyz'[axis]}"
+            lower, upper = (number(label, start + axis, "") for start in (1, 4))
+            value = float(np.sqrt(max(lower.value * upper.value, 0.0)))
+            yield replace(lower, value=value, interval=(lower.interval[0], upper.interval[1]))
         for axis in range(3):
             yield number(f"{self.sensor}, bias along {'xyz'[axis]}", 7 + axis, self.unit)
         for axis in range(3):
-            if moved[(axis + 1) % 3] and moved[(axis + 2) % 3]:
-                what = f"{self.sensor}, turned about {'xyz'[axis]} against the {self.kinematic}"
-                yield number(what, 10 + axis, "deg", float(np.rad2deg(1.0)))
+            if coherent[(axis + 1) % 3] and coherent[(axis + 2) % 3]:
+                label = f"{self.sensor}, turned about {'xyz'[axis]} against the {self.kinematic}"
+                yield number(label, 10 + axis, "deg", float(np.rad2deg(1.0)))
 
 
 def comparisons(log: Recording, spans_s: Sequence[tuple[float, float]]) -> Iterator[Comparison]:
@@ -170,10 +170,10 @@ def logged(log: Recording, names: Iterable[str]) -> bool:
     return all(name in log.channels and np.isfinite(log.channels[name].values).any() for name in names)
 
 
-def _together(
+def _on_common_grid(
     channels: Sequence[Channel], step_s: float
 ) -> tuple[Grid, Float[np.ndarray, "k n"], Bool[np.ndarray, " n"]]:
-    """Channels on one grid, and where all of them stand on data."""
+    """Channels on one grid, and the mask of samples with data of all."""
     grid = common_grid(channels, channels, step_s)
     pairs = [on_grid(channel, grid) for channel in channels]
     return grid, np.stack([values for values, _ in pairs]), np.all([mask for _, mask in pairs], axis=0)
@@ -186,13 +186,13 @@ def _comparison(
     step_s = float(np.clip(1.0 / max(rate_hz, 1e-9), LEAST_STEP_S, LONGEST_STEP_S))
     if not rate_hz > 3.0 * BAND_HZ[1]:
         return
-    grid, series, good = _together(channels, step_s)
-    measured, attitude, others = series[:3], series[3:7], series[7:]
+    grid, series, valid = _on_common_grid(channels, step_s)
+    measured, attitude, velocity = series[:3], series[3:7], series[7:]
     attitude = dynamics.continuous(attitude)
     size = np.sqrt((attitude**2).sum(axis=0))
     attitude = attitude / np.where(size > 0.0, size, 1.0)
-    if len(others):
-        derived = dynamics.felt(dynamics.rotation(*attitude), others, grid.step_s)
+    if len(velocity):
+        derived = dynamics.felt(dynamics.rotation(*attitude), velocity, grid.step_s)
     else:
         change = np.stack([time_derivative(part, grid.step_s) for part in attitude])
         derived = 2.0 * dynamics.vector_part(attitude, change)
@@ -203,25 +203,25 @@ def _comparison(
     for begin in range(0, grid.count - length + 1, length // 2):
         part = slice(begin, begin + length)
         inside = any(low <= time[begin] and time[begin + length - 1] <= high for low, high in spans_s)
-        if not inside or not good[part].all():
+        if not inside or not valid[part].all():
             continue
         pair = np.stack([measured[:, part], derived[:, part]])
         means.append((pair[0] - pair[1]).mean(axis=1))
         level = pair - pair.mean(axis=2, keepdims=True)
         spectra.append(np.fft.rfft(level * np.hanning(length))[..., band])
     if len(spectra) >= FEWEST:
-        both = np.stack(spectra)
-        yield Comparison(*words, frequency[band], both[:, 0], both[:, 1], np.stack(means))
+        stacked = np.stack(spectra)
+        yield Comparison(*words, frequency[band], stacked[:, 0], stacked[:, 1], np.stack(means))
 
 
 def with_one_clock(
-    log: Recording, made: Iterable[Comparison], cutoff_hz: float | None = None
+    log: Recording, items: Iterable[Comparison], cutoff_hz: float | None = None
 ) -> tuple[Recording, tuple[str, ...]]:
     """The log with attitude, velocity and position on the gyroscope's clock where they are surely off it."""
     # the equations have the low-pass of the vehicle file, less what a reader has taken out
     rate = log.channels.get(RATES[0])
     filter_s = low_pass_delay_s(cutoff_hz) - rate.delay_s if cutoff_hz and rate else 0.0
-    compared = next((item for item in made if item.sensor == "gyroscope"), None)
+    compared = next((item for item in items if item.sensor == "gyroscope"), None)
     offset = compared.offset_s(filter_s) if compared else 0.0
     if not offset:
         sentence = (
@@ -244,9 +244,9 @@ def with_one_clock(
 # -- Wind --
 
 #: A tube measures air from ahead: so fast [m/s], and within 30 degrees of the body's x.
-AIRSPEED, LEAST_AHEAD, WITHIN = "airspeed", 3.0, 0.87
+AIRSPEED, LEAST_AHEAD, LEAST_COSINE = "airspeed", 3.0, 0.87
 #: Step of the comparison, and the least time of such air [s]; times that it is chosen by the last estimate.
-WIND_STEP_S, LEAST_AIR_S, CHOSEN = 0.1, 10.0, 4
+WIND_STEP_S, LEAST_AIR_S, REPEATS = 0.1, 10.0, 4
 #: Standard deviation of the nose's direction from which errors of the attitude matter little [rad].
 LEAST_TURN = 0.2
 #: Of gusts a flight holds few independent ones: so many cosine averages.
@@ -261,27 +261,27 @@ def wind_of(log: Recording, spans_s: Iterable[tuple[float, float]]) -> Estimate 
     """Wind of a log, z up, by airspeed = scale (velocity less wind) along the nose; None if not known."""
     if not logged(log, MEASURED_AIR):
         return None
-    grid, series, good = _together([log.channels[name] for name in MEASURED_AIR], WIND_STEP_S)
+    grid, series, valid = _on_common_grid([log.channels[name] for name in MEASURED_AIR], WIND_STEP_S)
     nose = np.stack([row[0] for row in dynamics.rotation(*dynamics.continuous(series[:4]))])
     velocity, measured, time_s = series[4:7], series[7], grid.time_s
-    good &= np.any([(time_s >= low) & (time_s <= high) for low, high in spans_s], axis=0)
-    scale, wind, kept, estimate = 1.0, np.zeros(3), good & (measured > LEAST_AHEAD), None
-    for _ in range(CHOSEN):
+    valid &= np.any([(time_s >= low) & (time_s <= high) for low, high in spans_s], axis=0)
+    scale, wind, used, estimate = 1.0, np.zeros(3), valid & (measured > LEAST_AHEAD), None
+    for _ in range(REPEATS):
         # by changes from the last estimate, so that the wind is a parameter
         ahead = (nose * (velocity - wind[:, None])).sum(axis=0)
-        columns, left = np.stack([*(-scale * nose[:2]), ahead]), measured - scale * wind @ nose
-        turned = np.linalg.norm(nose[:2, kept].std(axis=1)) if kept.any() else 0.0
-        if kept.sum() * grid.step_s < LEAST_AIR_S or turned < LEAST_TURN:
+        columns, response = np.stack([*(-scale * nose[:2]), ahead]), measured - scale * wind @ nose
+        turning = np.linalg.norm(nose[:2, used].std(axis=1)) if used.any() else 0.0
+        if used.sum() * grid.step_s < LEAST_AIR_S or turning < LEAST_TURN:
             return None
         try:
-            rows = regression(left[kept], columns[:, kept].T, names=(*WIND, SCALE))
+            rows = regression(response[used], columns[:, used].T, names=(*WIND, SCALE))
             estimate = identify(rows, least_squares()).with_covariance(EqualWeightedCosines(AVERAGES))
         except EstimationError:  # the nose points nowhere else
             return None
         wind[:2], scale = estimate.theta[:2], float(estimate.theta[2])
         air = velocity - wind[:, None]
-        kept = good & (
-            (nose * air).sum(axis=0) > np.maximum(LEAST_AHEAD, WITHIN * np.linalg.norm(air, axis=0))
+        used = valid & (
+            (nose * air).sum(axis=0) > np.maximum(LEAST_AHEAD, LEAST_COSINE * np.linalg.norm(air, axis=0))
         )
     widest = max(high - low for low, high in map(estimate.interval, WIND)) if estimate else np.inf
     return estimate if widest <= 2.0 * KNOWN_WITHIN else None
@@ -294,7 +294,7 @@ def wind_table(log: Recording, spans_s: Sequence[tuple[float, float]]) -> Iterat
     known, down = wind_of(upward(log), spans_s), log.frame is Frame.NED
     # where z is down, x points north, and y, which is turned up, to the west
     east, north = ((WIND[1], -1.0), (WIND[0], 1.0)) if down else ((WIND[0], 1.0), (WIND[1], 1.0))
-    for what, (name, sign), unit in (
+    for label, (name, sign), unit in (
         ("wind to the east", east, "m/s"),
         ("wind to the north", north, "m/s"),
         ("airspeed, scale", (SCALE, 1.0), ""),
@@ -303,7 +303,7 @@ def wind_table(log: Recording, spans_s: Sequence[tuple[float, float]]) -> Iterat
         if known is not None:
             value = sign * known.parameters[name]
             low, high = sorted(sign * end for end in known.interval(name))
-        yield Calibration(what, value, (low, high), unit)
+        yield Calibration(label, value, (low, high), unit)
 
 
 def in_still_air(log: Recording, spans_s: Sequence[tuple[float, float]]) -> tuple[Recording, tuple[str, ...]]:
@@ -312,14 +312,14 @@ def in_still_air(log: Recording, spans_s: Sequence[tuple[float, float]]) -> tupl
         return log, ()
     known = wind_of(log, spans_s)
     if known is None:
-        why = "The airspeed does not determine the wind, since the vehicle hardly turned: air is at rest."
-        return log, (why,)
+        note = "The airspeed does not determine the wind, since the vehicle hardly turned: air is at rest."
+        return log, (note,)
     channels = dict(log.channels)
     for stem, power in (("velocity", 0), ("position", 1)):
-        for axis, along in zip("xy", known.theta, strict=False):
+        for axis, speed_along in zip("xy", known.theta, strict=False):
             item = channels.get(f"{stem}_{axis}")
             if item is not None:
-                channels[item.name] = replace(item, values=item.values - along * item.time_s**power)
+                channels[item.name] = replace(item, values=item.values - speed_along * item.time_s**power)
     speed = float(np.hypot(*known.theta[:2]))
     text = f"A wind of {speed:.2g} m/s, by the airspeed, is taken out of velocity and position."
     return replace(log, channels=channels), (text,)

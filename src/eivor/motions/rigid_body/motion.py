@@ -43,7 +43,7 @@ from eivor.tools import Float
 
 #: Over which turning is looked at [s]: longer than a sensor's noise, shorter than a turn.
 OVER_S = 0.04
-#: What is left of the rates, as a share of them: more by a wrong order, and less by the right one.
+#: Residual of the rates, as a share of them: larger by a wrong order, smaller by the right one.
 WRONG, RIGHT = 0.8, 0.5
 #: Orders that attitudes are written in, by the signed place of w, x, y, z among the logged four.
 ORDERS = {
@@ -62,29 +62,29 @@ def refuse_other_turns(attitude: Sequence[Channel], rates: Sequence[Channel], lo
     logged = continuous(np.stack([item.values for item in attitude]))
     known = np.isfinite(logged).all(axis=0)
     time, logged = time[known], logged[:, known]
-    separated = max(1, round(OVER_S / float(np.median(np.diff(time))))) if time.size > 1 else 1
-    if time.size <= 2 * separated:
+    lag = max(1, round(OVER_S / float(np.median(np.diff(time))))) if time.size > 1 else 1
+    if time.size <= 2 * lag:
         return
-    turned = np.stack([_turned(rate, time) for rate in rates])
-    width = np.maximum(time[separated:] - time[:-separated], 1e-9)
-    measured = (turned[:, separated:] - turned[:, :-separated]) / width
+    angles = np.stack([_angle(rate, time) for rate in rates])
+    width = np.maximum(time[lag:] - time[:-lag], 1e-9)
+    measured = (angles[:, lag:] - angles[:, :-lag]) / width
     size = float(np.sqrt(np.mean(measured**2)))
     if not size > 0.0:
         return
 
-    def left(order: Sequence[tuple[int, int]]) -> float:
+    def residual_share(order: Sequence[tuple[int, int]]) -> float:
         parts = np.stack([sign * logged[item] for item, sign in order])
-        return float(np.sqrt(np.mean((_rates_of(parts, separated) / width - measured) ** 2))) / size
+        return float(np.sqrt(np.mean((_rates_of(parts, lag) / width - measured) ** 2))) / size
 
-    if left(AS_NAMED) <= WRONG:
+    if residual_share(AS_NAMED) <= WRONG:
         return
-    by_attitude = _rates_of(logged, separated) / width
+    by_attitude = _rates_of(logged, lag) / width
     degrees = float(np.sqrt(np.mean((by_attitude - np.deg2rad(measured)) ** 2)))
     if degrees < RIGHT * np.deg2rad(size):
         fast = "and others that turn 57 times as fast as the attitude, which look like degrees"
         remedy = 'State the unit in a channel map (unit = "deg/s").'
         raise InputError(f"body rates in rad/s in {log_name}", f"{rates[0].name} {fast}", remedy)
-    results = {name: left(order) for name, order in ORDERS.items()}
+    results = {name: residual_share(order) for name, order in ORDERS.items()}
     best = min(results, key=lambda name: results[name])
     if results[best] < RIGHT:
         received = f"one that turns as the gyroscope says only when it is read as {best}"
@@ -92,7 +92,7 @@ def refuse_other_turns(attitude: Sequence[Channel], rates: Sequence[Channel], lo
         raise InputError(f"an attitude w, x, y, z from body to world in {log_name}", received, remedy)
 
 
-def _turned(rate: Channel, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _angle(rate: Channel, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Angle by which a rate has turned at times, from some time on [rad]."""
     known = np.isfinite(rate.values)
     t, values = rate.time_s[known], rate.values[known]
@@ -126,8 +126,8 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     """Channels of a log by role."""
     log, stamp_findings = with_corrected_stamps(log)
     check_vehicle(log, options)
-    spans_s, on_own_clock = (options.window or log.span_s,), log
-    log, off = with_one_clock(log, comparisons(log, spans_s), vehicle.gyro_cutoff_hz)
+    spans_s, original = (options.window or log.span_s,), log
+    log, clock_notes = with_one_clock(log, comparisons(log, spans_s), vehicle.gyro_cutoff_hz)
     log, wind = in_still_air(log, spans_s)
     remedy = "Log the rotor commands or speeds at 100 Hz or more"
     family, commands = chosen_input(log, TABLES.channels.inputs, options.input, remedy=remedy)
@@ -146,7 +146,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     known = regression.NEEDED if moving else ATTITUDE if tilted else ()
     conditions = _without_flips(tuple(log.channel(name) for name in known))
     if tilted:
-        refuse_other_turns([on_own_clock.channel(name) for name in ATTITUDE], tuple(rates.values()), log.name)
+        refuse_other_turns([original.channel(name) for name in ATTITUDE], tuple(rates.values()), log.name)
     step_s = float(np.median(np.diff(rates["roll"].time_s)))
     return Selection(
         family,
@@ -157,7 +157,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
         band_hz=BAND_HZ,
         findings=(
             *stamp_findings,
-            *(Finding("clocks_apart", text) for text in off),
+            *(Finding("clocks_apart", text) for text in clock_notes),
             *(Finding("wind", text) for text in wind),
             *_findings(forces, moving),
         ),
@@ -179,12 +179,12 @@ def _refuse_no_differences(commands: tuple[Channel, ...], vehicle: KnownVehicle,
         return  # nothing varies at all, which is reported about every motion
     arms = zip(AXES, vehicle.arms[1:], strict=True)
     differences = {axis.name: np.ptp(arm / np.abs(arm).sum() @ values) for axis, arm in arms}
-    least = NO_DIFFERENCE * np.abs(values).max()
-    still = [name for name, difference in differences.items() if difference <= least]
-    if still:
+    tolerance = NO_DIFFERENCE * np.abs(values).max()
+    unmoved = [name for name, difference in differences.items() if difference <= tolerance]
+    if unmoved:
         expected = f"rotor commands that differ about roll, pitch and yaw in {log.name}"
         remedy = "Log every rotor's own command, not the collective one, and fly steps of each angle."
-        raise InputError(expected, f"commands that never turn it about {', '.join(still)}", remedy)
+        raise InputError(expected, f"commands that never turn it about {', '.join(unmoved)}", remedy)
 
 
 def _without_flips(conditions: tuple[Channel, ...]) -> tuple[Channel, ...]:
@@ -238,9 +238,9 @@ def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Quant
     share = float(np.linalg.norm(velocity, axis=0) @ squared / squared.sum())
     gradient = ratio * estimate.direction(linear) + share * estimate.direction(quadratic)
     index = [estimate.names.index(name) for name in (linear, quadratic)]
-    of_rotors, of_body = estimate.values[index].tolist()
-    gradient += of_rotors * by_joint
-    value = ratio * of_rotors + share * of_body
+    by_rotors, by_body = estimate.values[index].tolist()
+    gradient += by_rotors * by_joint
+    value = ratio * by_rotors + share * by_body
     return {regression.FRICTION.name: linear_quantity(estimate, regression.FRICTION.unit, value, gradient)}
 
 
@@ -260,15 +260,15 @@ def refined_band(
     """The problem in the whole band, and its estimate, where axes disagree about the lag."""
     if verdict.lag_consistency_test(estimate) is None:
         return problem, estimate
-    whole = in_full_band(problem)
-    if whole is problem:
+    full_band = in_full_band(problem)
+    if full_band is problem:
         return problem, estimate
     for _ in range(PASSES):
-        best = estimate
-        nuisances = tuple(_near(nuisance, best.nuisances[nuisance.name]) for nuisance in problem.nuisances)
-        whole = replace(whole, nuisances=nuisances, warm_start=WarmStart(best.theta, best.nuisances))
-        estimate = estimated(whole)
-    return whole, estimate
+        last = estimate
+        nuisances = tuple(_near(nuisance, last.nuisances[nuisance.name]) for nuisance in problem.nuisances)
+        full_band = replace(full_band, nuisances=nuisances, warm_start=WarmStart(last.theta, last.nuisances))
+        estimate = estimated(full_band)
+    return full_band, estimate
 
 
 #: A term stays where it is so many standard errors from none: Akaike's criterion falls by 2.
@@ -278,7 +278,7 @@ TERM_ERRORS = 2.0
 def refined_structure(
     problem: LaggedRuns, estimate: Estimate, estimated: Callable[[LaggedRuns], Estimate]
 ) -> tuple[LaggedRuns, Estimate, Mapping[str, tuple[float, float]]]:
-    """With two lags and products of inertia where the flights show them; steps of those left out."""
+    """Problem with two lags and products of inertia where significant; steps of the others."""
     method = by_name(estimate.method)
     if not isinstance(method, LinearMethod):
         return problem, estimate, {}
@@ -286,35 +286,35 @@ def refined_structure(
     if set(estimate.nuisances) == {*LAG_SUMS[EFFECTIVE_LAG]} and ACTUATOR_LAG.name in estimate.names:
         nuisances = (*nuisances, Nuisance(ASYMMETRY, ASYMMETRIES, tolerance=1e-4))
     try:
-        wider = verdict.with_products(problem, estimate.parameters, regression.PRODUCT, nuisances=nuisances)
-        steps = first_steps(method, estimate, wider)
+        fuller = verdict.with_products(problem, estimate.parameters, regression.PRODUCT, nuisances=nuisances)
+        steps = first_steps(method, estimate, fuller)
     except (DataError, EstimationError, np.linalg.LinAlgError):  # these terms are collinear in the flights
         return problem, estimate, {}
-    kept = {name: step for name, (step, error) in steps.items() if abs(step) > TERM_ERRORS * error}
-    left_out = {name: pair for name, pair in steps.items() if name not in kept}
-    if not kept:
+    significant = {name: step for name, (step, error) in steps.items() if abs(step) > TERM_ERRORS * error}
+    left_out = {name: step_and_error for name, step_and_error in steps.items() if name not in significant}
+    if not significant:
         return problem, estimate, left_out
-    values = {**estimate.parameters, **estimate.nuisances, **kept}
-    chosen = [item for item in regression.PRODUCT if item.name in kept]
-    if ASYMMETRY.name in kept:
-        values[ASYMMETRY.name] = float(np.clip(kept[ASYMMETRY.name], *ASYMMETRIES))
+    values = {**estimate.parameters, **estimate.nuisances, **significant}
+    products = [item for item in regression.PRODUCT if item.name in significant]
+    if ASYMMETRY.name in significant:
+        values[ASYMMETRY.name] = float(np.clip(significant[ASYMMETRY.name], *ASYMMETRIES))
         # a search is nearly at its end: between its ends one value is enough
         grids = (np.unique([item.first, values[item.name], item.grid[-1]]) for item in nuisances)
         nuisances = tuple(replace(item, grid=grid) for item, grid in zip(nuisances, grids, strict=True))
     else:
         nuisances = problem.nuisances
-    made = verdict.with_products(problem, estimate.parameters, chosen, nuisances=nuisances)
-    theta = np.array([values[item.name] for item in made.parameters])
+    refined = verdict.with_products(problem, estimate.parameters, products, nuisances=nuisances)
+    theta = np.array([values[item.name] for item in refined.parameters])
     start = WarmStart(theta, {item.name: values[item.name] for item in nuisances})
-    made = replace(made, warm_start=start)
+    refined = replace(refined, warm_start=start)
     try:
-        return made, estimated(made), left_out
+        return refined, estimated(refined), left_out
     except (DataError, EstimationError):
         return problem, estimate, left_out
 
 
 def in_full_band(problem: LaggedRuns) -> LaggedRuns:
-    """The same problem with rows of turning up to `FULL_BAND_HZ`; itself where the logs do not reach far."""
+    """The problem with rows of turning up to `FULL_BAND_HZ`, unchanged where rates are too low."""
     columns = tuple(_whole(column) for column in problem.columns)
     pairs = zip(columns, problem.columns, strict=True)
     if not any(new.band_hz[1] >= WIDER * old.band_hz[1] for new, old in pairs):

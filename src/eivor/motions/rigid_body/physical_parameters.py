@@ -76,7 +76,7 @@ class Combinations:
         return cls(estimate.names, JointEstimate(estimate.values, estimate.joint_covariance))
 
     def reaching(self, quantities: Mapping[str, Any]) -> Combinations:
-        """The same with intervals at least as wide as those of a result; without those that have no end."""
+        """Combinations with intervals at least as wide as a result's, without unbounded ones."""
         endless = {name for name, item in quantities.items() if not np.isfinite(item.interval).all()}
         kept, beyond = self.only([name for name in self.names if name not in endless]), {}
         for name in kept.names:
@@ -151,7 +151,7 @@ class Combinations:
 
 
 def _by_logarithm(function: OfVector, joint: JointEstimate, level: float) -> DerivedQuantity | None:
-    """By the delta method for the logarithm, which products and ratios bend less; None where it bends too."""
+    """Estimate by the delta method for the logarithm; None where it is too nonlinear."""
     sign = math.copysign(1.0, function(joint.values))
     try:
         result = derived_from(lambda values: math.log(sign * function(values)), joint, level, math.inf)
@@ -471,7 +471,7 @@ OF_THE_AIR = frozenset({*DRAGS, *(f"quadratic_drag_{axis}" for axis in "xyz"), "
 
 @dataclass(frozen=True, slots=True)
 class PhysicalParameters:
-    """All of them, and what speaks against them."""
+    """Physical parameters of a vehicle, and contradictions to them."""
 
     numbers: Mapping[str, Implied]  # By name
     formulas: Mapping[str, Formula]  # Of each
@@ -529,7 +529,7 @@ def _number(parameter: PhysicalParameter, combinations: Combinations, known: Kno
 
 
 def _why_not_identified(formula: Formula, combinations: Combinations) -> str:
-    """Why the flight does not identify what a formula takes; empty when it does."""
+    """Reason why inputs of a formula are not identified; empty when they are."""
     absent = [name for name in formula.needed if not combinations.has(name)]
     if absent:
         return f"The flight identifies no {', no '.join(absent)}."

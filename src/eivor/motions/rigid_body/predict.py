@@ -67,12 +67,12 @@ class LoggedState:
         return body
 
     def _channel(self, name: str) -> Float[np.ndarray, " n"]:
-        """Values on the grid; those that the motion did not select are NaN where they stand on nothing."""
+        """Values on the grid; NaN without data for channels that the motion did not select."""
         signals = self.flight.signals
         if name in signals.channels:
             return signals.channel(name)
-        values, good = on_grid(self.flight.recording.channel(name), self.flight.grid)
-        return np.where(good, values, np.nan)
+        values, valid = on_grid(self.flight.recording.channel(name), self.flight.grid)
+        return np.where(valid, values, np.nan)
 
 
 def kinematics(
@@ -80,7 +80,7 @@ def kinematics(
     velocity: Float[np.ndarray, "3 starts"],
     rates: Float[np.ndarray, "3 starts"],
 ) -> Float[np.ndarray, "13 starts"]:
-    """Rate of change of states whose velocity and rates change so."""
+    """Rate of change of states by accelerations and angular accelerations."""
     w, x, y, z, p, q, r = body[6 : dynamics.BODY]
     attitude = (-(x * p + y * q + z * r), w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p)
     return np.concatenate([body[3:6], velocity, 0.5 * np.stack(attitude), rates])
@@ -98,17 +98,17 @@ class StatePropagator:
     lifts: bool = True
 
     def __call__(
-        self, body: Float[np.ndarray, "13 states"], now: Int[np.ndarray, " starts"]
+        self, body: Float[np.ndarray, "13 states"], samples: Int[np.ndarray, " starts"]
     ) -> Float[np.ndarray, "13 states"]:
-        """Rate of change of the states of each model at samples, driven by what the rotors do there."""
+        """Rate of change of the states of each model at samples, with the rotors' forces."""
         rows = dynamics.rotation(*body[6:10])
-        states = self._states[:, self._timing[:, None], now].reshape(len(regression.STATES), -1)
-        force = self._forces[:, :, now].reshape(6, -1)
-        of = {**dict(zip(regression.STATES, states, strict=True)), **self._moving(body, rows)}
-        for axis, term, values in self._answering:
-            force[axis] += values * term.expression.evaluate(of)
-        if self._coupled is not None:
-            force[:3] = self._coupled(of, force[:3])
+        states = self._states[:, self._timing[:, None], samples].reshape(len(regression.STATES), -1)
+        force = self._forces[:, :, samples].reshape(6, -1)
+        signals = {**dict(zip(regression.STATES, states, strict=True)), **self._motion_signals(body, rows)}
+        for axis, term, values in self._state_terms:
+            force[axis] += values * term.expression.evaluate(signals)
+        if self._coupling is not None:
+            force[:3] = self._coupling(signals, force[:3])
         change = np.zeros_like(body[3:6])
         if self.lifts and self.logged.moves:
             change = np.stack([a * force[3] + b * force[4] + c * force[5] for a, b, c in rows])
@@ -123,28 +123,28 @@ class StatePropagator:
         states = self.starts.propagate(initial_states.reshape(dynamics.BODY, -1), self)
         return states.reshape(*states.shape[:2], len(self.models), -1).transpose(2, 0, 1, 3)
 
-    def _moving(self, body: Float[np.ndarray, "13 n"], rows: dynamics.Rows) -> dict[str, Any]:
-        """What terms are over beside rotors."""
+    def _motion_signals(self, body: Float[np.ndarray, "13 n"], rows: dynamics.Rows) -> dict[str, Any]:
+        """Channels of terms other than rotor states."""
         velocity = np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
-        moved = zip((*regression.MOVED, *regression.RATES), (*velocity, *body[10:13]), strict=True)
-        return {**self.rotors.vehicle.numbers, **dict(moved), "speed": np.linalg.norm(velocity, axis=0)}
+        values = zip((*regression.MOVED, *regression.RATES), (*velocity, *body[10:13]), strict=True)
+        return {**self.rotors.vehicle.numbers, **dict(values), "speed": np.linalg.norm(velocity, axis=0)}
 
     @cached_property
     def _terms(self) -> list[tuple[int, Term, Float[np.ndarray, " models"]]]:
         """Terms that some model has, by the number of the equation, with their values in each."""
-        made = [(*item, [values.get(item[1].name, 0.0) for values in self.models]) for item in TERMS]
-        return [(number, term, np.array(values)) for number, term, values in made if any(values)]
+        rows = [(*item, [values.get(item[1].name, 0.0) for values in self.models]) for item in TERMS]
+        return [(number, term, np.array(values)) for number, term, values in rows if any(values)]
 
     @cached_property
-    def _answering(self) -> list[tuple[int, Term, Float[np.ndarray, " states"]]]:
-        """Terms that answer the state, with their values for every start of every model."""
+    def _state_terms(self) -> list[tuple[int, Term, Float[np.ndarray, " states"]]]:
+        """Terms that depend on the state, with their values for every start of every model."""
         count = self.starts.samples.size
-        made = [(number, term, np.repeat(values, count)) for number, term, values in self._terms]
-        return [item for item in made if not drives(item[1].of)]
+        rows = [(number, term, np.repeat(values, count)) for number, term, values in self._terms]
+        return [item for item in rows if not drives(item[1].of)]
 
     @cached_property
-    def _coupled(self) -> Callable[[States, np.ndarray], np.ndarray] | None:
-        """What turning is where axes are coupled by products of inertia; None of models without."""
+    def _coupling(self) -> Callable[[States, np.ndarray], np.ndarray] | None:
+        """Function that couples the axes by products of inertia; None of models without."""
         products = np.array([[item.get(p.name, 0.0) for item in self.models] for p in regression.PRODUCT])
         if not products.any():
             return None
@@ -155,15 +155,15 @@ class StatePropagator:
         coupling, of_starts = np.linalg.inv(inverse), np.repeat(products, count, axis=1)
         scaled = np.repeat(shares.T, count, axis=1)
 
-        def turning(of: States, force: Float[np.ndarray, "3 states"]) -> Float[np.ndarray, "3 states"]:
-            still = {**of, **dict.fromkeys(regression.TURNED, np.zeros(1))}
+        def coupled(of: States, force: Float[np.ndarray, "3 states"]) -> Float[np.ndarray, "3 states"]:
+            steady = {**of, **dict.fromkeys(regression.TURNED, np.zeros(1))}
             for axis, texts in enumerate(regression.BY_PRODUCT):
                 pairs = zip(of_starts, texts, strict=True)
-                force[axis] += scaled[axis] * sum(item * parsed(of).evaluate(still) for item, of in pairs)
+                force[axis] += scaled[axis] * sum(item * parsed(of).evaluate(steady) for item, of in pairs)
             split = force.reshape(3, len(coupling), count)
             return np.einsum("mij,jms->ims", coupling, split).reshape(force.shape)
 
-        return turning
+        return coupled
 
     @cached_property
     def _nodes(self) -> list[tuple[tuple[str, float], ...]]:
@@ -175,7 +175,7 @@ class StatePropagator:
 
     @cached_property
     def _rotors(self) -> list[tuple[States, States]]:
-        """At samples, and with means over steps of what drives."""
+        """Rotor states at samples, and with thrusts as means over steps."""
         return [self.rotors.at(dict(path)) for path in self._nodes]
 
     @cached_property
@@ -185,7 +185,7 @@ class StatePropagator:
 
     @cached_property
     def _forces(self) -> Float[np.ndarray, "6 models n"]:
-        """What the rotors do to each axis over each step, with the trims of the runs."""
+        """Mean force of the rotors on each axis over each step, with the trims of the runs."""
         flight, body = self.logged.flight, self.logged.body
         rows, step_s = dynamics.rotation(*body[6:10]), flight.signals.step_s
         change = [time_derivative(entry, step_s) for entry in body[10:13]]
@@ -194,7 +194,7 @@ class StatePropagator:
         trims = [motion.trim(flight, axis) for axis in change]
         results = np.zeros((6, len(self.models), body.shape[1]))
         results[: len(trims)] = np.array(trims)[:, None]
-        moving = self._moving(body, rows)
+        moving = self._motion_signals(body, rows)
         for node, pair in enumerate(self._rotors):
             models = np.flatnonzero(self._timing == node)
             for number, term, of_models in self._terms:
@@ -217,7 +217,7 @@ PREDICTED = RATES | BEYOND
 
 
 def why_omitted(identified: Set[str], logged: Sequence[LoggedState], placed: list[int]) -> dict[str, str]:
-    """Why each quantity that cannot be predicted is left out."""
+    """Reason for each quantity that cannot be predicted."""
     if EFFECTIVE_LAG not in identified:
         return dict.fromkeys(PREDICTED, "the fit does not identify the lag")
     gains = zip(RATES, regression.TURNING, GAIN, strict=True)
@@ -233,14 +233,14 @@ def why_omitted(identified: Set[str], logged: Sequence[LoggedState], placed: lis
         "position": [moves, (bool(placed), "no position is logged")],
     }
     for quantity, logs in needs.items():
-        why = [words for known, words in logs if not known]
+        reasons = [words for known, words in logs if not known]
         # where only yaw stays, the force still points very nearly where it does
         rates = [*RATES] if quantity == "attitude" else [*RATES][:2]
-        why += [results[rate] for rate in rates if rate in results]
+        reasons += [results[rate] for rate in rates if rate in results]
         if quantity != "attitude" and THRUST.name not in identified:
-            why.append("the fit does not identify the thrust gain")
-        if why:
-            results[quantity] = why[0]
+            reasons.append("the fit does not identify the thrust gain")
+        if reasons:
+            results[quantity] = reasons[0]
     return results
 
 
@@ -251,47 +251,47 @@ def rigid_body_prediction(
     refused: frozenset[str],
 ) -> motion.MultiStepPrediction:
     """The state after each horizon, by each model and by rates and velocity at the start."""
-    made = with_gyroscopic_moments([model.values for model in models.values()])
-    values, logged = made[0], [LoggedState(flight) for flight in flights]
+    model_values = with_gyroscopic_moments([model.values for model in models.values()])
+    values, logged = model_values[0], [LoggedState(flight) for flight in flights]
     identified = {*values, EFFECTIVE_LAG} - refused
     turns = tuple(item.name in identified for item in GAIN)
     placed = [axis for axis in range(3) if all(axis in item.placed for item in logged)]
     omitted = why_omitted(identified, logged, placed)
     zeros = [name for name in regression.QUANTITIES if name in SMALL and WITH_DRAG.get(name, name) in refused]
-    made[0] = {name: value for name, value in values.items() if name not in zeros}
+    model_values[0] = {name: value for name, value in values.items() if name not in zeros}
 
     def errors(number: int, starts: motion.Starts) -> Iterator[motion.HorizonErrors]:
         if len(omitted) == len(PREDICTED) or not starts.samples.size:
             return
         flight, body, thrust = flights[number], logged[number].body, THRUST.name in identified
-        hover = regression.hover_state(flight, vehicle, made[0].get(THRUST.name, 0.0))
-        usual = hover or regression.usual_state((flight,))
-        rotors = RotorStates(flight, vehicle, usual, flight.signals)
-        started, measured = body[:, starts.samples], body[:, starts.ends].transpose(1, 0, 2)
-        propagator = StatePropagator(logged[number], rotors, made, starts, turns, thrust)
-        states = dict(zip(models, propagator.propagate(started[:, None]), strict=True))
-        still = np.zeros((3, starts.samples.size))
-        states[motion.UNCHANGED] = starts.propagate(started, lambda now, _: kinematics(now, still, still))
+        hover = regression.hover_state(flight, vehicle, model_values[0].get(THRUST.name, 0.0))
+        hover_usual = hover or regression.usual_state((flight,))
+        rotors = RotorStates(flight, vehicle, hover_usual, flight.signals)
+        initial, measured = body[:, starts.samples], body[:, starts.ends].transpose(1, 0, 2)
+        propagator = StatePropagator(logged[number], rotors, model_values, starts, turns, thrust)
+        states = dict(zip(models, propagator.propagate(initial[:, None]), strict=True))
+        zeros_3 = np.zeros((3, starts.samples.size))
+        states[motion.UNCHANGED] = starts.propagate(initial, lambda now, _: kinematics(now, zeros_3, zeros_3))
 
         def error(model: str, quantity: str) -> motion.HorizonErrors:
-            """What is left of one quantity: of position along the axes on which it is logged."""
+            """Errors of a quantity, of position along the axes on which it is logged."""
             parts, unit = PREDICTED[quantity]
             parts = placed if quantity == "position" else parts
             pair = measured, states[model]
             series = np.stack([item[-1, parts[0]] for item in pair], axis=1) if quantity in RATES else None
-            changes = [_distance(quantity, item[-1:, parts], started[None, parts])[0] for item in pair]
-            named = "height" if quantity == "position" and placed == [2] else quantity
-            left = _distance(quantity, states[model][:, parts], measured[:, parts]).T
+            changes = [_distance(quantity, item[-1:, parts], initial[None, parts])[0] for item in pair]
+            label = "height" if quantity == "position" and placed == [2] else quantity
+            sizes = _distance(quantity, states[model][:, parts], measured[:, parts]).T
             words = models[model].words if model in models else UNCHANGED_WORDS
-            return motion.HorizonErrors(model, words, named, unit, left, np.stack(changes, axis=1), series)
+            return motion.HorizonErrors(model, words, label, unit, sizes, np.stack(changes, axis=1), series)
 
         for quantity in (name for name in PREDICTED if name not in omitted):
             yield from (error(model, quantity) for model in states)
 
     by_reason: dict[str, list[str]] = {}
-    for quantity, why in omitted.items():
-        by_reason.setdefault(why, []).append(quantity)
-    sentences = [f"Not predicted: {', '.join(names)}, since {why}." for why, names in by_reason.items()]
+    for quantity, reason in omitted.items():
+        by_reason.setdefault(reason, []).append(quantity)
+    sentences = [f"Not predicted: {', '.join(names)}, since {reason}." for reason, names in by_reason.items()]
     zero = [name.replace("_", " ") for name in zeros if name in values]
     if zero and len(omitted) < len(PREDICTED):
         sentences.append(f"Counted as zero, since the fit does not identify it: {', '.join(zero)}.")
@@ -307,6 +307,6 @@ def _distance(
     if quantity != "attitude":
         return np.asarray(np.sqrt(((first - second) ** 2).sum(axis=1)))
     first = first / np.sqrt((first**2).sum(axis=1, keepdims=True))
-    separated, neighbours = (np.sqrt((item**2).sum(axis=1)) for item in (first - second, first + second))
-    between = np.minimum(separated, neighbours)  # an attitude and its negative are one
-    return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * between, 1.0)))
+    direct, opposite = (np.sqrt((item**2).sum(axis=1)) for item in (first - second, first + second))
+    distance = np.minimum(direct, opposite)  # an attitude and its negative are one
+    return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * distance, 1.0)))

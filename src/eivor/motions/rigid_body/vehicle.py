@@ -229,7 +229,7 @@ class KnownVehicle:
 
     @cached_property
     def arms(self) -> Float[np.ndarray, "4 rotors"]:
-        """By which thrusts lift, and turn about the axes forward, left, up: 1, y, -x, spin."""
+        """Arms of the thrusts for lift and for torque about forward, left, up: 1, y, -x, spin."""
         x, y = np.transpose(self.positions)
         return np.stack([np.ones(self.count), y, -x, self.spins])
 

@@ -64,7 +64,7 @@ def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
 # -- Common rotor inertia --
 
 #: The ratio of inertias is identified when half its interval, by each coupling, is at most this share.
-TOLD_SHARE = 0.1
+TRUSTED_SHARE = 0.1
 #: Level of the intervals of what the three columns and one inertia differ by.
 CONSISTENCY_LEVEL = 0.995
 
@@ -92,8 +92,8 @@ def hover_over_usual(
     hover = terms.hover_state(states.flight, states.vehicle, thrust)
     if hover is None:
         return 1.0, 0.0
-    chosen = input_map(states.flight.input_map)
-    by_thrust = -float(chosen(np.array([hover]))[0]) / (chosen.slope(hover) * thrust * states.usual)
+    curve = input_map(states.flight.input_map)
+    by_thrust = -float(curve(np.array([hover]))[0]) / (curve.slope(hover) * thrust * states.usual)
     return hover / states.usual, by_thrust * estimate.direction(terms.THRUST.name)
 
 
@@ -106,9 +106,9 @@ def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
     if not min(values[item.name] for item in GAIN[: terms.YAW_EQUATION]) > 0.0:
         return None
     for ratio in YAW_OVER_ROLL:
-        of_all = finite.value(ratio)
-        low, high = of_all.interval
-        if not (low > 0.0 and high - low <= 2.0 * TOLD_SHARE * of_all.value):
+        value = finite.value(ratio)
+        low, high = value.interval
+        if not (low > 0.0 and high - low <= 2.0 * TRUSTED_SHARE * value.value):
             return None
     mean = f"0.5 * ({' + '.join(YAW_OVER_ROLL)}) * rotor_reaction"
     for differs in (f"roll_by_spin - {mean}", f"pitch_by_spin - {mean} / ({vehicles.PITCH_OVER_ROLL})"):
@@ -121,7 +121,7 @@ def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
 def with_common_rotor_inertia(
     problem: LaggedRuns, ratios: tuple[float, float], free: Estimate | None = None, hover: float = 1.0
 ) -> LaggedRuns:
-    """The same problem whose columns of rotors that spin go with J / Izz alone, at so many usual states."""
+    """The problem with gyroscopic columns linked to J / Izz, at a hover state."""
     stays = tuple(item for item in problem.parameters if item not in GYROSCOPIC_MOMENT)
     names = dict(zip((item.name for item in GYROSCOPIC_MOMENT), terms.RATIOS, strict=True))
     states = {item.flight: terms.body_equation(item).rotors for item in problem.columns}
@@ -132,42 +132,42 @@ def with_common_rotor_inertia(
     columns, reaction = [], terms.REACTION
     for column in problem.columns:
         axis, rotors = terms.body_equation(column), at_hover[column.flight]
-        linked = [
+        linked_terms = [
             Term(reaction.name, f"{names[item.name]} * ({item.of})", item.symbol, reaction.unit, behind=True)
             if item.name in names
             else item
             for item in axis.terms
         ]
-        axis = replace(axis, terms=tuple(linked), rotors=rotors)
-        moved = tuple(stays[problem.still :].index(term.parameter) for term in linked if term.behind)
-        columns.append(replace(column, moving=DrivenColumns(axis, rotors.signals), moved=moved))
+        axis = replace(axis, terms=tuple(linked_terms), rotors=rotors)
+        indices = tuple(stays[problem.still :].index(term.parameter) for term in linked_terms if term.behind)
+        columns.append(replace(column, moving=DrivenColumns(axis, rotors.signals), moved=indices))
     noisier = problem.noisier
     if noisier is not None:
         noisier = with_common_rotor_inertia(noisier, ratios, hover=hover)
-    started = None
+    warm_start = None
     if free is not None:
-        times = dict.fromkeys(terms.AT_HOVER, hover)
-        theta = [times.get(item, 1.0) * free.parameters[item.name] for item in stays]
-        started = WarmStart(np.array(theta), free.nuisances)
-    return replace(problem, columns=tuple(columns), parameters=stays, noisier=noisier, warm_start=started)
+        factors = dict.fromkeys(terms.AT_HOVER, hover)
+        theta = [factors.get(item, 1.0) * free.parameters[item.name] for item in stays]
+        warm_start = WarmStart(np.array(theta), free.nuisances)
+    return replace(problem, columns=tuple(columns), parameters=stays, noisier=noisier, warm_start=warm_start)
 
 
 def with_products(
-    problem: LaggedRuns, values: Values, chosen: Sequence[Parameter], **changes: Any
+    problem: LaggedRuns, values: Values, products: Sequence[Parameter], **changes: Any
 ) -> LaggedRuns:
-    """The same with columns of what elements of the inertia matrix off its diagonal do, and other changes."""
-    if not chosen:
+    """The problem with columns of off-diagonal elements of the inertia matrix, and other changes."""
+    if not products:
         return replace(problem, **changes) if changes else problem
     shares, columns = vehicles.inertia_shares(values), []
     for item in problem.columns:
-        added = np.zeros((item.fixed.shape[0], len(chosen)))
+        extra = np.zeros((item.fixed.shape[0], len(products)))
         if item.axis < terms.FORCE_X_EQUATION:
-            texts = [terms.BY_PRODUCT[item.axis][PRODUCT.index(entry)] for entry in chosen]
+            texts = [terms.BY_PRODUCT[item.axis][PRODUCT.index(entry)] for entry in products]
             axis = terms.body_equation(item)
-            added = shares[item.axis] * axis.columns(axis.rotors.signals, texts)
-        columns.append(replace(item, fixed=np.hstack([item.fixed, added])))
-    noisier = None if problem.noisier is None else with_products(problem.noisier, values, chosen)
-    parameters = (*problem.parameters[: problem.still], *chosen, *problem.parameters[problem.still :])
+            extra = shares[item.axis] * axis.columns(axis.rotors.signals, texts)
+        columns.append(replace(item, fixed=np.hstack([item.fixed, extra])))
+    noisier = None if problem.noisier is None else with_products(problem.noisier, values, products)
+    parameters = (*problem.parameters[: problem.still], *products, *problem.parameters[problem.still :])
     return replace(problem, columns=tuple(columns), parameters=parameters, noisier=noisier, **changes)
 
 
@@ -176,10 +176,10 @@ def gyroscopic_moments(
 ) -> dict[str, QuantityEstimate]:
     """J / Ixx and J / Iyy, by J / Izz, of a problem in which they are one with it; else nothing."""
     ratios = terms.body_equation(problem.columns[0]).rotors.inertia_ratios
-    of_all = joint.get(terms.REACTION.name)
-    if ratios is None or of_all is None:
+    reaction = joint.get(terms.REACTION.name)
+    if ratios is None or reaction is None:
         return {}
-    return {item.name: of_all.times(ratios[axis]) for axis, item in enumerate(GYROSCOPIC_MOMENT)}
+    return {item.name: reaction.times(ratios[axis]) for axis, item in enumerate(GYROSCOPIC_MOMENT)}
 
 
 def with_gyroscopic_moments(models: Sequence[Values]) -> list[Values]:
@@ -197,7 +197,7 @@ def with_gyroscopic_moments(models: Sequence[Values]) -> list[Values]:
 
 @dataclass(frozen=True, slots=True)
 class Contradiction:
-    """What a flight says against the vehicle file, its own axes or calm air."""
+    """Contradiction of a flight to the vehicle file, among its axes, or to calm air."""
 
     sentence: str
     remedy: str
@@ -207,21 +207,21 @@ class Contradiction:
 #: Axes that rotors drive, and what they are called.
 DRIVEN = dict(enumerate(terms.TURNING)) | {terms.FORCE_Z_EQUATION: "thrust"}
 #: A step is no longer small, and its size says little, beyond this share of the lag.
-FAR = 0.5
+LARGE_STEP = 0.5
 _CHANGE = "_lag_change_s"
 
 
 def disagreeing_lags(lag_s: float, changes_s: Mapping[str, float], p_value: float) -> Contradiction:
     """Axes that do not agree about the lag."""
-    each = [
+    changes = [
         f"{name} asks for {1e3 * (lag_s + change):.0f} ms"
-        if abs(change) <= FAR * lag_s
+        if abs(change) <= LARGE_STEP * lag_s
         else f"{name} for a much {'longer' if change > 0.0 else 'shorter'} one"
         for name, change in changes_s.items()
     ]
     return Contradiction(
         f"The axes disagree about the lag (p-value {p_value:.1g}). For all of them it is "
-        f"{1e3 * lag_s:.0f} ms; by itself {', '.join(each)}.",
+        f"{1e3 * lag_s:.0f} ms; by itself {', '.join(changes)}.",
         "What moves the vehicle beside its rotors comes back through the controller: log setpoints, by "
         "which the two are distinguished, and fly in calm air. A delay that was given wrong shows alike.",
         {"lag_agreement_p": p_value, "lag_of_all_s": lag_s}
@@ -236,18 +236,18 @@ def lag_consistency_test(estimate: Estimate) -> Contradiction | None:
     names = [profile.nuisance.name for profile in estimate.profiles]
     if ACTUATOR_LAG.name not in names:
         return None
-    rows, moves = estimate.rows, estimate.nuisance_columns[:, names.index(ACTUATOR_LAG.name)]
+    rows, lag_columns = estimate.rows, estimate.nuisance_columns[:, names.index(ACTUATOR_LAG.name)]
     residual, axes = rows.response - rows.regressors @ estimate.theta, rows.layout.axis_of_row
     changes, variances = {}, []
     for axis, name in DRIVEN.items():
         on_axis = axes == axis
-        column, others = moves[on_axis], rows.regressors[on_axis]
-        sizes = np.linalg.norm(others, axis=0)
-        basis, _ = np.linalg.qr(others[:, sizes > 0.0] / sizes[sizes > 0.0])
-        left: Float[np.ndarray, " rows"] = column - basis @ (basis.T @ column)
-        squares = float(left @ left)
+        column, regressors = lag_columns[on_axis], rows.regressors[on_axis]
+        sizes = np.linalg.norm(regressors, axis=0)
+        basis, _ = np.linalg.qr(regressors[:, sizes > 0.0] / sizes[sizes > 0.0])
+        residual_column: Float[np.ndarray, " rows"] = column - basis @ (basis.T @ column)
+        squares = float(residual_column @ residual_column)
         if squares > 0.0:
-            changes[name] = float(left @ residual[on_axis]) / squares
+            changes[name] = float(residual_column @ residual[on_axis]) / squares
             variances.append(float(np.mean(residual[on_axis] ** 2)) / squares)
     if len(changes) < 2:
         return None
@@ -264,25 +264,25 @@ LAGS_S = np.geomspace(0.01, 0.16, 9)
 #: All orders of up to so many rotors; of more, those with two of them exchanged.
 MOST_ORDERED = 4
 #: Another order must leave so much less, in logarithms summed over axes, and explain so much of one axis.
-CLEARLY = 0.3
-EXPLAINED = 0.25
+LEAST_IMPROVEMENT = 0.3
+LEAST_EXPLAINED = 0.25
 #: Of orders that differ by less the one with the fewest changes is reported.
-ALIKE = 0.05
+TIE_MARGIN = 0.05
 
 CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
 
 
-def _which(acts_as: tuple[int, ...]) -> str:
-    moved = [rotor for rotor, item in enumerate(acts_as, start=1) if abs(item) != rotor]
-    turned = [abs(item) for item in acts_as if item < 0]
-    if not moved:
-        return f"{_rotors(turned)} the other way than the vehicle file says"
-    if len(moved) == 2 and not turned:
-        return f"Rotors {moved[0]} and {moved[1]} look exchanged"
+def _order_words(acts_as: tuple[int, ...]) -> str:
+    exchanged = [rotor for rotor, item in enumerate(acts_as, start=1) if abs(item) != rotor]
+    reversed_rotors = [abs(item) for item in acts_as if item < 0]
+    if not exchanged:
+        return f"{_rotors(reversed_rotors)} the other way than the vehicle file says"
+    if len(exchanged) == 2 and not reversed_rotors:
+        return f"Rotors {exchanged[0]} and {exchanged[1]} look exchanged"
     commands = ", ".join(map(str, range(1, len(acts_as) + 1)))
     positions = ", ".join(map(str, map(abs, acts_as)))
     order = f"The commands {commands} look to act as the rotors {positions} of the vehicle file"
-    return f"{order}, of which {_rotors(turned).lower()} the other way" if turned else order
+    return f"{order}, of which {_rotors(reversed_rotors).lower()} the other way" if reversed_rotors else order
 
 
 def _rotors(numbers: Sequence[int]) -> str:
@@ -294,57 +294,57 @@ def observed_order(flights: Sequence[PreparedFlight], vehicle: KnownVehicle) -> 
     """Order that flights show where it is clearly another than that of the vehicle file; else None."""
     products = np.sum([_products(flight) for flight in flights], axis=0)
     orders, arms = zip(*_orders(vehicle), strict=True)
-    rows, whole = np.stack(arms), products[:, None, :, -1, -1]
+    rows, power = np.stack(arms), products[:, None, :, -1, -1]
     squares = np.einsum("oai,laij,oaj->loa", rows, products[:, :, :-1, :-1], rows)
-    with_turning = np.einsum("oai,lai->loa", rows, products[:, :, :-1, -1])
-    gain = with_turning / np.where(squares > 0.0, squares, np.inf)
-    left = np.maximum(1.0 - gain * with_turning / np.where(whole > 0.0, whole, np.inf), 1e-6)
-    score = np.log(left).sum(axis=2)
+    cross = np.einsum("oai,lai->loa", rows, products[:, :, :-1, -1])
+    gain = cross / np.where(squares > 0.0, squares, np.inf)
+    unexplained = np.maximum(1.0 - gain * cross / np.where(power > 0.0, power, np.inf), 1e-6)
+    score = np.log(unexplained).sum(axis=2)
     lag = int(np.argmin(score.min(axis=1)))
-    score, left, gain = score[lag], left[lag], gain[lag]
+    score, unexplained, gain = score[lag], unexplained[lag], gain[lag]
     best = float(score.min())
-    if score[0] - best < CLEARLY:
+    if score[0] - best < LEAST_IMPROVEMENT:
         return None
 
     def changes(number: int) -> tuple[int, int, int]:
-        """How many gains are below zero, and how many spins and places are not as in the vehicle file."""
+        """Counts of negative gains, and of spins and places that differ from the vehicle file."""
         acts_as = orders[number]
         positions = sum(abs(item) != index for index, item in enumerate(acts_as, start=1))
         return int((gain[number] < 0.0).sum()), sum(item < 0 for item in acts_as), positions
 
-    chosen = min(np.flatnonzero(score < best + ALIKE).tolist(), key=changes)
-    axis = int(np.argmax(left[0] - left[chosen]))
-    explained, before = 1.0 - float(left[chosen, axis]), 1.0 - float(left[0, axis])
-    if not explained > EXPLAINED:
+    order = min(np.flatnonzero(score < best + TIE_MARGIN).tolist(), key=changes)
+    axis = int(np.argmax(unexplained[0] - unexplained[order]))
+    explained, by_file = 1.0 - float(unexplained[order, axis]), 1.0 - float(unexplained[0, axis])
+    if not explained > LEAST_EXPLAINED:
         return None
-    rotors = {f"rotor_{rotor}_acts_as": float(item) for rotor, item in enumerate(orders[chosen], start=1)}
-    by_order = {"order_axis": float(axis), "order_explained": explained, "order_explained_by_file": before}
+    rotors = {f"rotor_{rotor}_acts_as": float(item) for rotor, item in enumerate(orders[order], start=1)}
+    by_order = {"order_axis": float(axis), "order_explained": explained, "order_explained_by_file": by_file}
     return Contradiction(
-        f"{_which(orders[chosen])}: so the rotors explain {explained:.0%} of {AXES[axis].name}, and "
-        f"{before:.0%} by the vehicle file.",
+        f"{_order_words(orders[order])}: so the rotors explain {explained:.0%} of {AXES[axis].name}, and "
+        f"{by_file:.0%} by the vehicle file.",
         CORRECT_ROTORS,
         rotors | by_order,
     )
 
 
 def _orders(vehicle: KnownVehicle) -> Iterator[tuple[tuple[int, ...], Float[np.ndarray, "3 rotors"]]]:
-    """As which rotors commands may act, and arms about each axis; that of the vehicle file first."""
-    whole = tuple(range(vehicle.count))
-    orders: Iterator[tuple[int, ...]] = permutations(whole)
+    """Candidate orders of the rotors with their arms; that of the vehicle file first."""
+    rotors = tuple(range(vehicle.count))
+    orders: Iterator[tuple[int, ...]] = permutations(rotors)
     if vehicle.count > MOST_ORDERED:
-        exchanged = ({item: other, other: item} for item, other in combinations(whole, 2))
-        orders = iter([whole, *(tuple(item.get(rotor, rotor) for rotor in whole) for item in exchanged)])
+        exchanged = ({item: second, second: item} for item, second in combinations(rotors, 2))
+        orders = iter([rotors, *(tuple(item.get(rotor, rotor) for rotor in rotors) for item in exchanged)])
     for order in orders:
         index = list(order)
-        moved = vehicle.arms[3, index]
-        for spins in (moved, vehicle.arms[3], *(moved * (1.0 - 2.0 * np.eye(vehicle.count)))):
-            signs = np.where(spins * moved > 0.0, 1, -1).tolist()
+        spins_moved = vehicle.arms[3, index]
+        for spins in (spins_moved, vehicle.arms[3], *(spins_moved * (1.0 - 2.0 * np.eye(vehicle.count)))):
+            signs = np.where(spins * spins_moved > 0.0, 1, -1).tolist()
             acts_as = tuple(sign * (item + 1) for sign, item in zip(signs, order, strict=True))
             yield acts_as, np.stack([*vehicle.arms[1:3, index], spins])
 
 
 def _products(flight: PreparedFlight) -> Float[np.ndarray, "lags 3 m m"]:
-    """Of rotors and turning over the bins, for each lag and axis, what stays being taken out of all."""
+    """Products of rotors and turning over the bins, for each lag and axis, after partialling out."""
     signals = flight.signals
     rates = np.column_stack([signals.channel(axis.rate) for axis in AXES])
     change = np.column_stack([time_derivative(rate, signals.step_s) for rate in rates.T])
@@ -440,7 +440,7 @@ def half_widths_by_wind(
     flights: Sequence[PreparedFlight],
     made_of: Callable[[Sequence[PreparedFlight]], LaggedRuns],
 ) -> dict[str, float]:
-    """What the errors of winds that were taken out are to each parameter, at the lag of the estimate."""
+    """Errors of parameters by those of the winds that were removed, at the lag of the estimate."""
     at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
     spin = terms.body_equation(problem.columns[0]).rotors.inertia_ratios
     chosen = [item for item in PRODUCT if item in problem.parameters]
@@ -475,10 +475,10 @@ HALF_F = 2.0
 
 
 def possible_shifts(estimate: Estimate, lags: Contradiction | None) -> dict[str, tuple[float, float]]:
-    """By how much each parameter may be lower and higher: by lags of single axes, or by instruments."""
+    """Possible shifts of each parameter down and up, by lags of single axes or by instruments."""
     if lags is not None:
         sizes = np.array([size for name, size in lags.numbers.items() if name.endswith(_CHANGE)])
-        near, lag = np.abs(sizes) <= FAR * lags.numbers["lag_of_all_s"], ACTUATOR_LAG.name
+        near, lag = np.abs(sizes) <= LARGE_STEP * lags.numbers["lag_of_all_s"], ACTUATOR_LAG.name
         errors = estimate.joint_covariance.parts[0].matrix[estimate.names.index(lag)]
         shifts = np.outer(sizes[near], errors / errors[estimate.names.index(lag)])
     elif estimate.unrefined is not None:
@@ -519,7 +519,7 @@ def _shift_sentence(inputs: verdict.VerdictInputs) -> str:
 
 @dataclass(frozen=True, slots=True)
 class RigidBodyChecks(verdict.MotionChecks):
-    """Where a flight contradicts the vehicle file, its own axes or calm air; None where it does not."""
+    """Contradiction of a flight to the vehicle file, among its axes or to calm air; None without."""
 
     order: Contradiction | None = None
     wind: Contradiction | None = None

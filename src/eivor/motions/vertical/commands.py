@@ -1,4 +1,4 @@
-"""What flights show of their input: limit of commands, thrust curve, and the parameter that it would set."""
+"""Limit of commands and thrust curve by flights, and the autopilot's parameter for the curve."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from eivor.tools import Float
 # -- Limit of commands --
 
 #: Rates and levels that are tried, and limits around the best.
-RATES, LEVELS, CLOSER = 12, 8, 7
+RATES, LEVELS, REFINED = 12, 8, 7
 #: Lags and delays [s] that together are any linear actuator: jumps behind delays pass for limits.
 LAGS_S = (0.0, 0.008, 0.016, 0.03, 0.06, 0.12, 0.25)
 DELAYS_S, DELAYED = (0.01, 0.02, 0.03, 0.045), (0, 2)
@@ -43,7 +43,7 @@ MOST_SAMPLES, MEMORY_S, BLOCK_S = 50_000, 0.3, 1.0
 
 
 def _longest_run(flight: PreparedFlight) -> PreparedFlight:
-    """The first samples of the longest run, alone."""
+    """The flight with the first samples of its longest run only."""
     longest = max(flight.runs, key=lambda run: run.stop - run.start)
     run = slice(longest.start, min(longest.stop, longest.start + MOST_SAMPLES))
     return replace(flight, runs=(run,)).shortened
@@ -56,46 +56,46 @@ def _gains(flight: PreparedFlight, limits: Sequence[CommandLimit]) -> Float[np.n
     """
     (run,), step_s, signals = flight.runs, flight.signals.step_s, flight.signals
     velocity, tilt = signals.channel("velocity_z"), signals.channel("cos_tilt")
-    chosen, block = input_map(flight.input_map), max(round(BLOCK_S / step_s), 1)
+    curve, block = input_map(flight.input_map), max(round(BLOCK_S / step_s), 1)
     response = signals.channels[FORCE] if FORCE in signals.channels else np.gradient(velocity, step_s)
     delays = [np.maximum(np.arange(tilt.size) - round(delay_s / step_s), 0) for delay_s in DELAYS_S]
 
-    def rows(commands: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "c rows"]:
+    def features(commands: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "c rows"]:
         """Acceleration; then velocity, thrust behind lags and delays, and its powers for other maps."""
-        if chosen == Power():
+        if curve == Power():
             commands = commands.mean(axis=1, keepdims=True)  # what is linear answers to the mean
         states = [actuator_state(commands, step_s=step_s, lag_s=lag_s, delay_s=0.0) for lag_s in LAGS_S]
-        thrusts = [chosen(state).mean(axis=1) * tilt for state in states]
+        thrusts = [curve(state).mean(axis=1) * tilt for state in states]
         middle = thrusts[len(LAGS_S) // 2]
         thrusts += [thrusts[j][earlier] for earlier in delays for j in DELAYED]
-        away = middle / (middle[run].mean() or 1.0) - 1.0
-        results = np.stack((response, velocity, *thrusts, away**2, away**3))[:, run]
+        deviation = middle / (middle[run].mean() or 1.0) - 1.0
+        results = np.stack((response, velocity, *thrusts, deviation**2, deviation**3))[:, run]
         return results - results.mean(axis=1, keepdims=True)
 
-    logged = rows(signals.family(flight.input.name))
+    logged = features(signals.family(flight.input.name))
     whitening = _whitening(_residual(logged), max(int(MEMORY_S / step_s), 1))
     length = fast_length(logged.shape[1] + whitening.size)
     transfer = np.fft.rfft(whitening, length)
 
     def squares(of: Float[np.ndarray, "c n"]) -> Float[np.ndarray, " blocks"]:
         white = np.fft.irfft(np.fft.rfft(of, length) * transfer, length)[:, whitening.size - 1 : of.shape[1]]
-        usual = white.shape[1] // block * block
-        return np.asarray((_residual(white)[:usual].reshape(-1, block) ** 2).sum(axis=1))
+        used = white.shape[1] // block * block
+        return np.asarray((_residual(white)[:used].reshape(-1, block) ** 2).sum(axis=1))
 
     unlimited = squares(logged)
-    gains = [unlimited - squares(rows(commands)) for commands in np.moveaxis(flight.acting(limits), 2, 0)]
+    gains = [unlimited - squares(features(commands)) for commands in np.moveaxis(flight.acting(limits), 2, 0)]
     return np.stack(gains, axis=1) / (unlimited.mean() / block)
 
 
 def _whitening(residual: Float[np.ndarray, " n"], order: int) -> Float[np.ndarray, " p"]:
-    """Filter that leaves of a residual its innovations, by Yule and Walker."""
+    """Whitening filter of a residual, by Yule and Walker."""
     correlation = np.fft.irfft(np.abs(np.fft.rfft(residual, 2 * residual.size)) ** 2)[: order + 1]
     correlation[0] *= 1.0 + 1e-9
     return np.append(1.0, -scipy.linalg.solve_toeplitz(correlation[:-1], correlation[1:]))
 
 
 def _residual(rows: Float[np.ndarray, "c n"]) -> Float[np.ndarray, " n"]:
-    """What the others leave of the first row."""
+    """Residual of the first row by regression on the others."""
     R = np.asarray(np.linalg.qr(np.roll(rows, -1, axis=0).T, mode="r"))
     return np.asarray(rows[0] - np.linalg.lstsq(R[:, :-1], R[:, -1])[0] @ rows[1:])
 
@@ -120,23 +120,23 @@ def command_limit(problem: VerticalFlights) -> CommandLimit | None:
     gain, limit, ratio = max((_best(*kind) for kind in kinds if kind[1]), key=itemgetter(0))
     if gain < LEAST_GAIN:
         return None
-    values = limit.value * np.geomspace(1.0 / ratio, ratio, CLOSER)
-    closer = [CommandLimit(limit.kind, float(value)) for value in values]
-    return _best(gains_of(closer), closer)[1]
+    values = limit.value * np.geomspace(1.0 / ratio, ratio, REFINED)
+    refined = [CommandLimit(limit.kind, float(value)) for value in values]
+    return _best(gains_of(refined), refined)[1]
 
 
 def _best(
     gains: Float[np.ndarray, "blocks k"], limits: list[CommandLimit]
 ) -> tuple[float, CommandLimit, float]:
-    """What the best of some limits of one kind gains, that limit between its neighbours, and their ratio."""
-    total, (kind, first) = gains.sum(axis=0), limits[0]
-    best, ratio = int(total.argmax()), limits[1].value / first
-    most = np.sort(gains[:, best])[: math.floor((1.0 - OUTLYING) * len(gains))]
+    """Gain of the best limit of a kind, its interpolated value, and the ratio of neighbours."""
+    total, (kind, lowest) = gains.sum(axis=0), limits[0]
+    best, ratio = int(total.argmax()), limits[1].value / lowest
+    typical = np.sort(gains[:, best])[: math.floor((1.0 - OUTLYING) * len(gains))]
     # the vertex of a parabola through the best and its neighbours
     low, middle, high = total[np.clip([best - 1, best, best + 1], 0, len(limits) - 1)]
-    bend = low - 2.0 * middle + high
-    away = 0.5 * (low - high) / bend if 0 < best < len(limits) - 1 and bend < 0.0 else 0.0
-    return float(most.sum()), CommandLimit(kind, float(first * ratio ** (best + away))), ratio
+    curvature = low - 2.0 * middle + high
+    shift = 0.5 * (low - high) / curvature if 0 < best < len(limits) - 1 and curvature < 0.0 else 0.0
+    return float(typical.sum()), CommandLimit(kind, float(lowest * ratio ** (best + shift))), ratio
 
 
 def _rates(flights: Sequence[PreparedFlight]) -> list[CommandLimit]:
@@ -149,28 +149,28 @@ def _rates(flights: Sequence[PreparedFlight]) -> list[CommandLimit]:
             rates.append(np.abs(np.diff(command.values)) / step_s)
             gridded = flight.signals.channel(command.name)
             means.append(np.mean(np.gradient(gridded, flight.signals.step_s)[flight.used] ** 2))
-    every = np.concatenate(rates)
-    every = every[np.isfinite(every) & (every > 0.0)]
-    low, high = 0.5 * float(np.sqrt(np.mean(means))), float(every.max()) / JUMP_STEPS if every.size else 0.0
+    speeds = np.concatenate(rates)
+    speeds = speeds[np.isfinite(speeds) & (speeds > 0.0)]
+    low, high = 0.5 * float(np.sqrt(np.mean(means))), float(speeds.max()) / JUMP_STEPS if speeds.size else 0.0
     return [CommandLimit(RATE, x) for x in np.geomspace(low, high, RATES)] if 0.0 < low < high else []
 
 
 def _levels(flights: Sequence[PreparedFlight]) -> list[CommandLimit]:
     """Levels of commands above most of them, below the largest; none where commands rest."""
-    every = [flight.signals.channel(item.name)[flight.used] for flight in flights for item in flight.issued]
-    low, high = (float(end) for end in np.quantile(np.concatenate(every), (0.6, 1.0)))
+    levels = [flight.signals.channel(item.name)[flight.used] for flight in flights for item in flight.issued]
+    low, high = (float(end) for end in np.quantile(np.concatenate(levels), (0.6, 1.0)))
     return [CommandLimit(LEVEL, x) for x in np.geomspace(low, high, LEVELS)[:-1]] if 0.0 < low < high else []
 
 
-def within_limit(problem: VerticalFlights) -> VerticalFlights:
-    """The problem with commands as they act, where these have a limit."""
+def with_command_limit(problem: VerticalFlights) -> VerticalFlights:
+    """The problem with limited commands, where a limit is found."""
     if problem.unlimited or problem.command_limit:
         return problem
     limit = command_limit(problem)
     if limit is None:
         return problem.with_nuisances(problem.nuisances, unlimited=True)
-    made = problem.of(tuple(flight.within(limit) for flight in problem.flights))
-    return replace(made, command_limit=limit)
+    limited = problem.of(tuple(flight.within(limit) for flight in problem.flights))
+    return replace(limited, command_limit=limit)
 
 
 # -- Thrust curve --
@@ -185,9 +185,9 @@ STEP = 0.02
 Estimated = Callable[[VerticalFlights], Estimate]
 
 
-def with_map(problem: VerticalFlights, chosen: InputMap) -> VerticalFlights:
+def with_map(problem: VerticalFlights, curve: InputMap) -> VerticalFlights:
     """Return the same flights with another input map."""
-    return problem.of(tuple(replace(flight, input_map=chosen.name) for flight in problem.flights))
+    return problem.of(tuple(replace(flight, input_map=curve.name) for flight in problem.flights))
 
 
 def refined_curve(
@@ -195,53 +195,53 @@ def refined_curve(
 ) -> tuple[VerticalFlights, Estimate]:
     """Find the map, and estimate with it."""
     family = model.family_of(problem.input_map, fitted=False)
-    value, chosen, estimate = _by_intercept(problem, estimated, family)
+    value, refined, estimate = _by_intercept(problem, estimated, family)
     if math.isnan(value):
         return problem, estimate
     sides = [family.possible(value + step) for step in (-STEP, STEP)]
     below, above = ((side, estimated(with_map(problem, family.map(side)))) for side in sides)
     curve = FittedCurve(family, value, bias_std, below, above)
-    return replace(chosen, curve=curve), estimate
+    return replace(refined, curve=curve), estimate
 
 
 def _by_intercept(
     problem: VerticalFlights, estimated: Estimated, family: model.CurveFamily
 ) -> tuple[float, VerticalFlights, Estimate]:
     """Parameter with which the intercept vanishes, or the nearest that is possible, NaN for none."""
-    value, chosen, estimate = math.nan, problem, estimated(problem)
+    value, current, estimate = math.nan, problem, estimated(problem)
     for _ in range(SEARCHES):
-        before, value = value, _at_nuisances(chosen, estimated, estimate, family)
-        if math.isnan(value) or abs(value - before) < CONVERGED:
+        previous, value = value, _at_nuisances(current, estimated, estimate, family)
+        if math.isnan(value) or abs(value - previous) < CONVERGED:
             break
-        chosen = with_map(problem, family.map(value))
-        estimate = estimated(chosen)
-    return value, chosen, estimate
+        current = with_map(problem, family.map(value))
+        estimate = estimated(current)
+    return value, current, estimate
 
 
 def _at_nuisances(
     problem: VerticalFlights, estimated: Estimated, best: Estimate, family: model.CurveFamily
 ) -> float:
-    """The same with lag and delay where they are: the map hardly moves them."""
-    value, chosen = math.nan, problem
+    """The parameter at fixed lag and delay, on which the map hardly depends."""
+    value, current = math.nan, problem
     known = tuple(nuisance.known_at(best.nuisances[nuisance.name]) for nuisance in problem.nuisances)
     for _ in range(ROUNDS):
-        before = value
-        of = Balance(chosen, best)
-        hover, exponent = chosen.input_map.inverse(of.hover[0]), of.exponents[1]
+        previous = value
+        balance = Balance(current, best)
+        hover, exponent = current.input_map.inverse(balance.hover[0]), balance.exponents[1]
         if not (math.isfinite(exponent) and hover > 0.0):
             return math.nan
         value = family.possible(model.share_of(exponent, hover) if family.of_share else exponent)
-        if abs(value - before) < CONVERGED:
+        if abs(value - previous) < CONVERGED:
             break
-        chosen = with_map(replace(problem, nuisances=known), family.map(value))
-        best = estimated(chosen)
+        current = with_map(replace(problem, nuisances=known), family.map(value))
+        best = estimated(current)
     return value
 
 
 def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstimate]:
-    """Quantities that the map's own error moves, and the map's parameter."""
+    """Quantities with the error of the map, and the map's parameter."""
     estimate = of.estimate
-    pairs = [(with_map(of.problem, curve.family.map(at)), item) for at, item in (curve.below, curve.above)]
+    pairs = [(with_map(of.problem, curve.family.map(p)), item) for p, item in (curve.below, curve.above)]
     sides = [Balance(*pair) for pair in pairs]
 
     def slope(quantity: Callable[[Balance], Linear]) -> float:
@@ -265,13 +265,13 @@ def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstim
         "hover_input": (attrgetter("hover_input"), ""),
     }
     rows = formulas.items()
-    results = {name: linear_quantity(estimate, unit, *propagated(of_it)) for name, (of_it, unit) in rows}
+    results = {name: linear_quantity(estimate, unit, *propagated(formula)) for name, (formula, unit) in rows}
     value = curve.value + by_b * b, of_curve, by_b**2 * variance_of_curve
     return {**results, "thrust_curve": linear_quantity(estimate, "", *value)}
 
 
-def _joint(position: int, of: Balance) -> Linear:
-    values = of.estimate.values
+def _joint(position: int, balance: Balance) -> Linear:
+    values = balance.estimate.values
     return float(values[position]), np.eye(values.size)[position], 0.0
 
 

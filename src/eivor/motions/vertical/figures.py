@@ -157,7 +157,7 @@ def _vibration(flight: PreparedFlight) -> Iterator[KeyFigure]:
 
 
 def _supply(flight: PreparedFlight, hover: Quantity) -> Iterator[KeyFigure]:
-    """What the voltage falls by when the thrust grows by the weight."""
+    """Drop of the voltage when the thrust grows by the weight."""
     volts, chosen = channel_on_grid(flight, VOLTAGE), input_map(flight.input_map)
     if volts is None or flight.input.measured or not hover.value > 0.0:
         return

@@ -194,7 +194,7 @@ class OmittedTerms:
         return (("left out", "; ".join(message)),) if message else ()
 
     def sentence(self, name: str) -> str:
-        """What is missed, with number and unit."""
+        """The omitted term in words, with number and unit."""
         value, half = self.differences[name].value, self.differences[name].half_width
         if name == regression.DRAG:
             drag = f"a drag of {value:.2g} ± {half:.2g} 1/m times the squared speed"
@@ -256,7 +256,7 @@ def change_by(cause: str, name: str, known: Sensitivities) -> float:
 
 
 def behind(offset_s: float, name: str, known: Sensitivities) -> tuple[float, float]:
-    """How far a parameter may be too high and too low where a sensor is behind the other."""
+    """Possible errors of a parameter, up and down, by an offset in time between the sensors."""
     by_velocity, by_force = (change_by(f"late {sensor}", name, known) for sensor in SENSORS)
     shifts = (offset_s * by_force, -offset_s * by_velocity)
     return max(*shifts, 0.0), max(*(-shift for shift in shifts), 0.0)
@@ -301,7 +301,7 @@ def sensitivities(
 
 
 def _lateness(item: AxisColumns, sensor: str, friction: float) -> Float[np.ndarray, "n 2"]:
-    """What a second of lateness of one sensor adds to the accelerometer's response and the velocity's."""
+    """Change of both responses by a second of delay of one sensor."""
     acceleration = item.responses.mean(axis=1)
     change = -np.gradient(acceleration, item.step_s)
     if sensor == "accelerometer":
@@ -508,7 +508,7 @@ def either_sentence(agreement: SensorAgreement) -> str:
 
 
 def sensor_agreement_sentence(agreement: SensorAgreement) -> str:
-    """What is reported about both sensors, in a line."""
+    """Agreement of both sensors, in a line."""
     message = [sentence(name, item) for name, item in agreement.significant.items()]
     if agreement.either:
         message.append(either_sentence(agreement))

@@ -44,9 +44,9 @@ class CurveFamily(msgspec.Struct, frozen=True):
         return (thrust + value * hover) / thrust if thrust > 0.0 else math.inf
 
 
-def family_of(chosen: InputMap, *, fitted: bool = True) -> CurveFamily:
+def family_of(curve: InputMap, *, fitted: bool = True) -> CurveFamily:
     """Family of a map that was fitted; of others shares for thrust, exponents for commands of rotors."""
-    return CurveFamily(isinstance(chosen, Mixed) or (not fitted and chosen == Power(1.0)))
+    return CurveFamily(isinstance(curve, Mixed) or (not fitted and curve == Power(1.0)))
 
 
 class AutopilotParameter(msgspec.Struct, frozen=True):
@@ -62,7 +62,7 @@ class AutopilotParameter(msgspec.Struct, frozen=True):
         return self.lowest <= value <= self.highest
 
     def beyond(self, record: Interval) -> str:
-        """Why a value is not proposed, without the value; empty where the autopilot takes it."""
+        """Reason why a value is not proposed; empty where the autopilot accepts it."""
         value, (low, high) = record
         if self.takes(value):
             return ""

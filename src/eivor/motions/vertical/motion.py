@@ -47,10 +47,10 @@ SET_LEVEL = 0.95
 LEAST_HALF_WIDTH = 1e-9
 
 
-def beyond(value: float, half: float) -> float:
+def beyond(value: float, half_width: float) -> float:
     """Squared distance of an intercept from what a fitting map leaves, in standard errors."""
-    away = max(abs(value) - verdict.CLEAR_INTERCEPT, 0.0) / max(half, LEAST_HALF_WIDTH)
-    return chi_square_quantile(SET_LEVEL, 1) * away**2
+    excess = max(abs(value) - verdict.CLEAR_INTERCEPT, 0.0) / max(half_width, LEAST_HALF_WIDTH)
+    return chi_square_quantile(SET_LEVEL, 1) * excess**2
 
 
 def fitting_p_value(distance: float, value: float, bend: Difference | None) -> float:
@@ -64,20 +64,20 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
     return 0.5 * chi_square_tail(both, 1) + 0.25 * chi_square_tail(both, 2)
 
 
-def _hover(of: Balance | WeightBalance) -> QuantityEstimate:
+def _hover(balance: Balance | WeightBalance) -> QuantityEstimate:
     """Hover input, U_h through the input map's inverse; by the weight without a gain."""
-    weight, chosen = of.weight if isinstance(of, Balance) else of, of.problem.input_map
-    if isinstance(of, Balance) and not of.by_weight:
-        item = lag_prior.linear_quantity(of.estimate, "", *of.hover)
+    weight, curve = balance.weight if isinstance(balance, Balance) else balance, balance.problem.input_map
+    if isinstance(balance, Balance) and not balance.by_weight:
+        item = lag_prior.linear_quantity(balance.estimate, "", *balance.hover)
         value, std_error, (low, high) = item.value, item.std_error, item.interval
     else:
         value, std_error, half = weight.hover
         low, high = value - half, value + half
         if not low > 0.0:
-            return QuantityEstimate(chosen.inverse(value), "", NAN, quantity.NO_INTERVAL)
-    hover = chosen.inverse(value)
-    error = std_error / chosen.slope(hover) if chosen.slope(hover) > 0.0 else NAN
-    return QuantityEstimate(hover, "", error, (chosen.inverse(low), chosen.inverse(high)))
+            return QuantityEstimate(curve.inverse(value), "", NAN, quantity.NO_INTERVAL)
+    hover = curve.inverse(value)
+    error = std_error / curve.slope(hover) if curve.slope(hover) > 0.0 else NAN
+    return QuantityEstimate(hover, "", error, (curve.inverse(low), curve.inverse(high)))
 
 
 def known_without_estimate(
@@ -106,7 +106,7 @@ END_SHARE = 0.1
 
 
 def supply_findings(flights: tuple[PreparedFlight, ...]) -> Iterator[Finding]:
-    """What is known of the supply of flights by commands."""
+    """Drift of the supply of flights by commands."""
     for flight in flights:
         if not flight.runs or flight.input.measured:
             continue
@@ -197,7 +197,7 @@ def refined(
     problem: VerticalFlights, solve: motion.Solver[VerticalFlights], options: FlightOptions
 ) -> tuple[VerticalFlights, Estimate]:
     """The problem with the limit of commands and the input map that flights show."""
-    problem = commands.within_limit(problem)
+    problem = commands.with_command_limit(problem)
     if options.input_map == FIT_MAP:
         return commands.refined_curve(problem, solve, options.accelerometer_bias)
     return problem, solve(problem)
@@ -325,7 +325,7 @@ class Vertical(DeclaredMotion[VerticalFlights]):
         self, problem: VerticalFlights, estimate: Estimate, flights: motion.Flights
     ) -> verdict.VerticalChecks:
         omitted, of = misspecification.omitted_terms(problem, estimate, flights), Balance(problem, estimate)
-        (value, gradient, variance), chosen = of.intercept, problem.input_map
+        (value, gradient, variance), curve = of.intercept, problem.input_map
         half = estimate.joint_covariance.half_width(gradient, SET_LEVEL, variance)
         of_map, of_thrust = of.exponents
         return verdict.VerticalChecks(
@@ -333,7 +333,7 @@ class Vertical(DeclaredMotion[VerticalFlights]):
             thrust_exponent=of_thrust,
             map_exponent=of_map,
             input_spread=float(np.concatenate(of.weight.columns)[:, 2].std()) / abs(of.hover[0]),
-            thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
+            thrust_command=isinstance(curve, Mixed) or curve.name == "linear",
             apparent_gravity=regression.apparent_gravity(problem),
             turned=misspecification.turned(flights),
             command_limit=problem.command_limit,
@@ -360,16 +360,16 @@ class Vertical(DeclaredMotion[VerticalFlights]):
     def view(self, flight: PreparedFlight) -> motion.FlightView:
         name = flight.input.name
         names = f"the mean of the mapped {name}" if len(flight.driving) > 1 else name
-        moved = "behind a lag τ and a delay d"
+        timing = "behind a lag τ and a delay d"
         if flight.input.measured:
-            moved = "measured; motion follows d later (below zero: their stamps are late)"
+            timing = "measured; motion follows d later (below zero: their stamps are late)"
         of_terms = "".join(f"; {term.symbols}" for term in self.added if term.symbols)
-        symbols = f"U = cos(tilt) × {names} (map: {flight.input_map}), {moved}{of_terms}"
+        symbols = f"U = cos(tilt) × {names} (map: {flight.input_map}), {timing}{of_terms}"
         panels = [flight.plot_data("climb rate\n[m/s]", of="velocity_z", reference="reference_velocity_z")]
         if "position_z" in flight.recording.channels:
             height = on_grid(flight.recording.channel("position_z"), flight.grid)[0]
-            wanted = flight.reference_on_grid("reference_position_z")
-            target = None if wanted is None else flight.where_logged(wanted, "reference_position_z")
+            reference = flight.reference_on_grid("reference_position_z")
+            target = None if reference is None else flight.where_logged(reference, "reference_position_z")
             panels.insert(0, PlotData("height [m]", flight.where_logged(height, "position_z"), target))
         return motion.FlightView(symbols, tuple(panels))
 

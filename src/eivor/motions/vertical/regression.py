@@ -426,7 +426,7 @@ class Balance:
 
     @property
     def hover_input(self) -> Linear:
-        """The same through the inverse of the input map."""
+        """Hover input: U_h through the inverse of the input map."""
         (mapped, gradient, variance), curve = self.hover, self.problem.input_map
         slope = curve.slope(curve.inverse(mapped))
         return curve.inverse(mapped), gradient / slope, variance / slope**2

@@ -33,7 +33,7 @@ NEAR_RADII = 4.0
 
 @dataclass(frozen=True, slots=True)
 class VerticalChecks(verdict.MotionChecks):
-    """What the vertical motion finds out about an estimate."""
+    """Results of the vertical motion's own tests of an estimate."""
 
     map_p_value: float = 1.0  # Of the test that the input map fits
     thrust_exponent: float = math.nan  # Of thrust near hover
@@ -125,7 +125,7 @@ _TILTS = tuple(tilt.name for tilt in misspecification.TILTS.values())
 
 
 def _few_seconds(inputs: VerdictInputs) -> float:
-    """How many times as large errors are by power spectra that few seconds determine."""
+    """Factor of errors for power spectra that are estimated from few seconds."""
     return math.sqrt(1.0 + SHORT * (SHORT_S / inputs.used_s) ** 4) if inputs.used_s else 1.0
 
 
@@ -146,7 +146,7 @@ def _sensor_sentence(name: str) -> Callable[[VerdictInputs], str]:
 
 
 def _size(inputs: VerdictInputs, name: str) -> float:
-    """How large a difference between the sensors may be; zero for none."""
+    """Largest possible difference between the sensors; zero for none."""
     difference = _difference(inputs, name)
     if difference is None:
         return 0.0
@@ -179,12 +179,12 @@ def _tilt(inputs: VerdictInputs, name: str, sizes: Mapping[str, float]) -> float
 
 
 def _by_offset(inputs: VerdictInputs, name: str, size_s: float) -> float:
-    """What an offset in time between the sensors, or of the command, does."""
+    """Systematic parts by an offset in time between the sensors, or of the command."""
     return size_s * abs(change_by(OFFSET.name, name, inputs.checks.sensitivities))
 
 
 def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float]:
-    """What an offset between the sensors does: it moves a parameter to one side, unless it was taken out."""
+    """One-sided systematic part by an offset between the sensors, unless it was removed."""
     difference, size = _difference(inputs, OFFSET.name), _size(inputs, OFFSET.name)
     if difference is None:
         return 0.0, 0.0
@@ -196,7 +196,7 @@ def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float]:
 
 
 def _clocks_apart_s(inputs: VerdictInputs) -> tuple[float, float]:
-    """What the clocks of command and motion are apart by, and what is not known of it [s]."""
+    """Drift between the clocks of command and motion, and its uncertainty [s]."""
     several = any(map(_several_clocks, inputs.flights))
     apart: tuple[float, float] = inputs.checks.omitted.clocks_apart_s(several)
     return apart
@@ -433,7 +433,7 @@ OTHER_UNIT = 3.0
 
 
 def _bend(inputs: VerdictInputs) -> str:
-    """What the bend of the thrust curve adds to the intercept, with a blank before it; empty for nothing."""
+    """Words on the curvature's part in the intercept, after a blank; empty for none."""
     bend, intercept = (
         inputs.checks.omitted.differences.get(misspecification.CURVATURE),
         inputs.quantities["intercept"],
@@ -470,7 +470,7 @@ def _gravity_sentence(inputs: VerdictInputs) -> str:
 
 
 def _times(inputs: VerdictInputs) -> float:
-    """What the velocity reads over what the accelerometer does."""
+    """Ratio of the velocity's reading to the accelerometer's."""
     scale = None if inputs.sensors is None else inputs.sensors.significant.get(SCALE.name)
     return 1.0 if scale is None else misspecification.velocity_over_accelerometer(scale.value)
 
@@ -649,7 +649,7 @@ AT_END_SHARE = 0.5
 def hover_findings(
     flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
 ) -> Iterator[Finding]:
-    """What the autopilots of flights hold their hover input to be; compared where it is identified."""
+    """Hover inputs that the flights' autopilots have estimated, compared where ours is identified."""
     flying = [flight for flight in flights if flight.runs and is_setpoint(flight)]
     for flight in flying:
         yield from _standing_at_an_end(flight)
