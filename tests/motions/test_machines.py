@@ -20,14 +20,17 @@ from eivor.exports.fitted import Fitted, Supplied
 from eivor.exports.simulators import target_by_name
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.flights.quantity import Quantity
+from eivor.flights.quantity import Quantity, QuantityEstimate
 from eivor.flights.track import relative_change
 from eivor.flights.track import track as followed
-from eivor.inference.verdict import Status
+from eivor.flights.verdict import Instruments, VerdictInputs, reasons_by_quantity
+from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.verdict import Status, verdict
 from eivor.logs.channel_map import parse_expression
 from eivor.models.separable import LaggedReferences
 from eivor.motions.declaration import machine_text, shipped_machines
 from eivor.motions.equation import DeclaredMotion
+from eivor.motions.machine import MachineChecks
 from eivor.motions.vertical import regression
 from eivor.report.other_results import track_document
 from eivor.signals import channels
@@ -194,6 +197,48 @@ def test_a_pool_of_a_machine_leaves_out_a_flight_without_the_reference_of_the_ot
     assert [item.message[:22] for item in fit.findings if item.name == "left_out_of_pool"] == [
         "adrift is not in the p"
     ]
+
+
+def test_a_derived_quantity_is_judged_by_its_parameters_and_by_its_width():
+    machine = ev.machine(
+        "sled",
+        channels={"speed": "m/s", "push": ev.input("N"), "asked": ev.reference("m/s")},
+        response="ddt(speed)",
+        terms={"drag": "-speed", "lift": "-abs(speed) * speed", "per_mass": "push"},
+        derived={"mass": "1 / per_mass", "share": "drag / per_mass", "less": "drag - 4 * drag"},
+    )
+    narrow = {"drag": (1.0, 0.05), "lift": (2.0, 0.05), "per_mass": (3.0, 0.05), "mass": (0.33, 0.01)}
+    narrow |= {"share": (0.5, 0.01), "less": (-3.0, 1.0)}
+    quantities = {
+        name: QuantityEstimate(value, "", 0.5 * half, (value - half, value + half))
+        for name, (value, half) in narrow.items()
+    }
+    inputs = VerdictInputs(
+        (),
+        50.0,
+        50.0,
+        Instruments(LaggedReferences(("asked",))),
+        checks=MachineChecks({}),
+        first_stage={"drag": 50.0, "lift": 2.0, "per_mass": 50.0},
+        robust={name: ConfidenceSet.union([quantities[name].interval]) for name in ("drag", "per_mass")}
+        | {"lift": ConfidenceSet.union([(1.0, np.inf)])},
+        quantities=quantities,
+    )
+
+    def status(inputs):
+        reasons = reasons_by_quantity(machine.rules, inputs, machine.quantities)
+        assert len(set(reasons["share"])) == len(reasons["share"])
+        return {name: verdict(list(item)).status for name, item in reasons.items()}
+
+    # what is weak is the lift, of which none of them is made; the width of the last is its fault alone
+    identified = dict.fromkeys(narrow, Status.IDENTIFIED)
+    assert status(inputs) == identified | {"lift": Status.REFUSED, "less": Status.WEAK}
+    wide = {**quantities, "drag": replace(quantities["drag"], interval=(-1.0, np.inf))}
+    refused = dict.fromkeys(("drag", "lift", "share", "less"), Status.REFUSED)
+    assert status(replace(inputs, quantities=wide)) == identified | refused
+    # no set holds for a quantity of a parameter that is weak, though one does for that
+    weak = status(replace(inputs, first_stage={**inputs.first_stage, "drag": 2.0}))
+    assert (weak["drag"], weak["mass"], weak["share"]) == (*2 * [Status.IDENTIFIED], Status.REFUSED)
 
 
 JUMPING = """name = "jumping"

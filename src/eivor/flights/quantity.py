@@ -256,6 +256,7 @@ class QuantitySpec:
     #: It belongs to the flight (wind, load) and not to the vehicle: flights of a pool have each their own
     of_flight: bool = False
     reciprocal_of: str = ""  # The quantity that it is one over
+    needs: tuple[str, ...] = ()  # Quantities that it rests on: what speaks against them speaks against it
     need: str = ""  # Word by which a caller may require it, such as "hover"; others decide no exit code
     across: AcrossFlights | None = None  # How reports of fleets pool it
     field_symbol: str = ""  # What flight mechanics calls it, with its sign: -L_p

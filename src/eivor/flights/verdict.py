@@ -306,7 +306,7 @@ def _said(words: Callable[[VerdictInputs], str] | str, inputs: VerdictInputs) ->
 def reasons_by_quantity(
     rules: Iterable[Rule], inputs: VerdictInputs, wording: Mapping[str, QuantitySpec]
 ) -> dict[str, tuple[Reason, ...]]:
-    """Reasons against each quantity, in the order of the rules; and an interval without two ends."""
+    """Reasons against each quantity, by the rules, by an interval without two ends, and by what it needs."""
     results: dict[str, tuple[Reason, ...]] = dict.fromkeys(inputs.quantities, ())
     for rule in rules:
         names = [name for name in rule.quantities or results if name in results]
@@ -320,6 +320,9 @@ def reasons_by_quantity(
             remedy = "Fly larger and quicker movements, or longer."
             reason = Reason(Status.REFUSED, f"{sentence}however far away.", remedy, Cause.WIDE)
             results[name] = (*reasons, reason)
+    for name in results:
+        needed = (reason for item in wording[name].needs for reason in results.get(item, ()))
+        results[name] = tuple(dict.fromkeys((*results[name], *needed)))
     return results
 
 

@@ -259,6 +259,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
                 shown_unit=item.unit.replace("^2", "²"),
                 in_rows=item.name in parameters,
                 headline=item.name in self.headline,
+                needs=item.parameters if isinstance(item, Derived) else (),
             )
             for item in listed
         }
@@ -545,10 +546,10 @@ class Machine(DeclaredMotion[LaggedRuns]):
                 self.words, (term.name,), stages, "" if term.is_intercept else term.name
             )
             if not term.is_intercept:
-                following = [item.name for item in self.derived if term.name in item.parameters]
-                rows += limit.rules(term.name, self.quantities[term.name], *following)
+                rows += limit.rules(term.name, self.quantities[term.name])
         for item in self.derived:
-            rows += verdict.flight_rules(words, (item.name,), stages, item.name)
+            rows += verdict.flight_rules(words, (item.name,), item.parameters, item.name)
+            rows += limit.rules(item.name, self.quantities[item.name])
         return tuple(rows)
 
     @property
