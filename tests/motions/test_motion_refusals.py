@@ -127,6 +127,9 @@ DECLARATIONS = rows("declaration", InputError, declaration,
     ('is = "2 * p", unit = "rad/s"', 'is = "p", unit = "m"', "the unit that follows, 1/s .*line 8"),
     ('response = "ddt(p)"', "", "an expression, such as ddt.*received none"),
     ('"input" }', '"input" }\nq = { unit = "1", role = "input" }', "a channel that .* uses .*line 6"),
+    ('L_p = "drag"', 'delay = "drag"', "a name that no lag .* line 10; received 'delay'. Rename it"),
+    ('L_p = "drag"', 'effective_lag = "drag"', "a name that no lag .* line 10; received 'effective_lag'"),
+    ("time_constant", "actuator_lag", "a name that no lag .*derived.actuator_lag of m.toml, line 15"),
     ("[active]", "[band]\nhz = [3, 1]\n[active]", r"\[low, high\] in Hz .*line 17"),
 )  # fmt: skip
 LOG = ev.recording_from_columns({"time": np.arange(9.0), "velocity_z": np.arange(9.0)})

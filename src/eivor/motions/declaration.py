@@ -17,6 +17,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import ChannelMapError, did_you_mean
+from eivor.flights.lag_prior import LAG_QUANTITIES
 from eivor.flights.references import ReferenceSource
 from eivor.logs.channel_map import CONDITIONS, Expression, InTime
 from eivor.logs.common import UNITS
@@ -484,6 +485,7 @@ def _term(
     name: str, section: TomlTable, names: _Names, responses: tuple[str, ...], response_unit: Unit
 ) -> Term:
     spec = section.convert(_Term)
+    _refuse_lags(name, section)
     unit, _ = names.unit(section, "of", spec.of)
     _refuse_references(section, "of", names, [spec.of])
     text = names.expanded(spec.of)
@@ -511,6 +513,12 @@ def _term(
             raise section.wrong("unit", expected, f"'{spec.unit}'", "Correct it, or the expression.")
     unit_words = unit_text(required) if spec.unit is None else spec.unit
     return Term(name, text, spec.symbol or name, unit_words, behind=bool(spec.behind))
+
+
+def _refuse_lags(name: str, section: TomlTable) -> None:
+    if name in LAG_QUANTITIES:
+        expected, remedy = "a name that no lag of actuators has", f"Rename it, such as {name}_of_term."
+        raise section.wrong("", expected, f"'{name}'", remedy)
 
 
 def _refuse_references(section: TomlTable, key: str, names: _Names, texts: Sequence[str]) -> None:
@@ -579,6 +587,7 @@ def _derived(top: TomlTable, terms: Mapping[str, Term]) -> tuple[Derived, ...]:
                 remedy = did_you_mean(item, tuple(units), "Name parameters.")
                 expected = f"an expression over the parameters {', '.join(units)}"
                 raise section.wrong("is", expected, f"{spec.of!r} with '{item}'", remedy)
+        _refuse_lags(name, section)
         if name in terms:
             raise section.wrong("", "a name that no parameter has", f"'{name}'", "Rename it.")
         unit, scaled = _unit_checked(section, "is", lambda e=expression: unit_of(e, units))
