@@ -19,6 +19,7 @@ from scipy.io import savemat
 
 import eivor as ev
 from eivor.errors import ChannelMapError, EivorError, EmptyLogError, InputError
+from eivor.signals import channels
 
 
 def csv(tmp_path, text, **options):
@@ -120,6 +121,18 @@ def test_units_in_a_line_below_the_names_are_read(tmp_path):
         'unit = "ft"',
         'unit = "ft/s"',
     ]
+
+
+def test_channels_of_a_machine_are_proposed_for_columns_written_like_them(tmp_path, monkeypatch):
+    monkeypatch.setattr(channels, "_TABLE", dict(channels.canonical_channels()))
+    declared = {"heave": "m/s", "thrust": ev.input("1"), "depth_goal": ev.reference("m")}
+    ev.machine("auv", channels=declared, response="ddt(heave)", terms={"gain": "thrust"})
+    text = "t,Heave,thrust,Depth goal\n0,1,2,3\n0.1,2,3,4\n"
+    with pytest.raises(ChannelMapError, match="Save the lines below") as caught:
+        csv(tmp_path, text)
+    own = tmp_path / "own.toml"
+    own.write_text("\n".join(caught.value.__notes__), encoding="utf-8")
+    assert [*csv(tmp_path, text, channel_map=own).channels] == ["heave", "thrust", "depth_goal"]
 
 
 def test_a_table_with_names_of_its_own_is_answered_with_the_map_that_reads_it(tmp_path):

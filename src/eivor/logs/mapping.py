@@ -77,12 +77,13 @@ def canonical_map(
 def suggested_map(names: Sequence[str], units: Mapping[str, str] = NO_UNITS) -> list[str]:
     """Lines of a channel map for columns that are called as people call them; none for too few."""
     columns_by_channel: dict[str, tuple[str, str | None]] = {}
+    called = {**_CALLED, **{name.replace("_", ""): name for name in canonical_channels()}}
     for column in names:
         name, unit = _split_unit(column, units)
         word, _, suffix = name.rpartition("_")
         if unit is None and suffix in common.TIME_UNITS and _CALLED.get(word.lower()) == "time":
             name, unit = word, suffix
-        channel = _CALLED.get(re.sub(r"[\W_]", "", name).lower(), name)
+        channel = called.get(re.sub(r"[\W_]", "", name).lower(), name)
         if channel in _CALLED.values() or canonical_channel(channel) is not None:
             columns_by_channel.setdefault(channel, (column, unit))
     if "time" not in columns_by_channel or len(columns_by_channel) < LEAST_SUGGESTED:
