@@ -561,6 +561,13 @@ def test_a_file_and_python_declare_the_same(tmp_path):
     assert of_file.equation[0] == "ddt(p) = L_p (2 * p) + L_da aileron + b"
 
 
+def test_the_equation_shows_the_sign_and_the_number_of_what_stands_alone():
+    declared = {"channels": {"v": "m/s", "u": ev.input()}, "response": "ddt(v)"}
+    for text, shown in {"-1": "- c", "1": "+ c", "-9.8": "- c 9.8"}.items():
+        car = ev.machine("car", **declared, terms={"a": "u", "c": text})
+        assert car.equation[0] == f"ddt(v) = a u {shown}"
+
+
 def test_the_unit_of_a_root_is_read_back():
     tank = ev.machine(
         "tank",

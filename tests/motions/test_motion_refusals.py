@@ -130,12 +130,14 @@ DECLARATIONS = rows("declaration", InputError, declaration,
     ('L_p = "drag"', 'delay = "drag"', "a name that no lag .* line 10; received 'delay'. Rename it"),
     ('L_p = "drag"', 'effective_lag = "drag"', "a name that no lag .* line 10; received 'effective_lag'"),
     ("time_constant", "actuator_lag", "a name that no lag .*derived.actuator_lag of m.toml, line 15"),
+    (', behind = "servo"', "", "a term stands behind .*line 12; received 'servo'.* Add behind"),
     ("[active]", "[band]\nhz = [3, 1]\n[active]", r"\[low, high\] in Hz .*line 17"),
 )  # fmt: skip
 LOG = ev.recording_from_columns({"time": np.arange(9.0), "velocity_z": np.arange(9.0)})
 BOAT = ev.load_machine("boat-yaw")
 DECLARED = {"channels": {"velocity_z": "m", "u": ev.input()}, "response": "ddt(velocity_z)"}
 VALUES = {"a": 1.0, "g": 1.0, "actuator_lag": 0.1}
+STILL = dict.fromkeys(("rudder", "reference_heading"), np.zeros(100))
 MACHINES = calls("machine", None,
     (lambda: ev.identify_flight(LOG, model=Path("boat-yaw")), MissingChannelError,
         "the channel 'rudder' in arrays"),
@@ -145,6 +147,15 @@ MACHINES = calls("machine", None,
         "canonical channel velocity_z, m/s"),
     (lambda: BOAT.simulate(VALUES, {}), UsageError, "actuator_lag, delay; received none of delay"),
     (lambda: BOAT.simulate({**VALUES, "delay": 0.0}, {}), UsageError, "signals of rudder, reference_head"),
+    (lambda: BOAT.simulate({**VALUES, "dealy": 0.0}, {}), UsageError,
+        "none of delay, and 'dealy'. Did you mean 'delay'"),
+    (lambda: BOAT.simulate({**VALUES, "delay": 0.0, "drag": 1.0}, {}), UsageError,
+        "received 'drag'. Give these values"),
+    (lambda: BOAT.simulate({**VALUES, "delay": 0.0}, {**STILL, "ruder": 0.0}), UsageError, "mean 'rudder'"),
+    (lambda: BOAT.simulate({**VALUES, "delay": 0.0}, STILL), UsageError,
+        "6000 samples of rudder, for 60 s in steps of 0.01 s; received 100. Give a longer series"),
+    (lambda: BOAT.simulate({**VALUES, "delay": 0.0}, STILL, seconds=1.0, noise={"yaw": 0.1}), UsageError,
+        "noise of a channel out of .* received 'yaw'"),
     (lambda: side_by_side([TWO_ROTORED, replace(TWO_ROTORED, rotors=THREE_ROTORS)]), UsageError,
         "equally many rotors"),
     (lambda: ev.identify_flight(LOG, model=7), UsageError,

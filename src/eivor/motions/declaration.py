@@ -325,6 +325,10 @@ def machine_of(top: TomlTable) -> Machine:
     terms = {term.name: term for axis in axes for term in axis.terms}
     if len(terms) < sum(len(axis.terms) for axis in axes):
         raise top.wrong("axes", "parameters with names of their own", "one name in two axes", "Rename one.")
+    for name in delays if not any(term.behind for term in terms.values()) else ():
+        expected, received = "an actuator that a term stands behind", f"'{name}', which no term names"
+        remedy = f'Add behind = "{name}" to the term of the input, or leave the actuator out.'
+        raise top.part("actuators").wrong(name, expected, received, remedy)
     derived = _derived(top, terms)
     quality = spec.quality
     headline = tuple(quality.headline) or tuple(t.name for t in terms.values() if not t.is_intercept)
@@ -622,12 +626,10 @@ def _band(top: TomlTable, band: _Band | None) -> tuple[float, float] | None:
 
 
 def _signed_term(term: Term) -> str:
-    if term.is_intercept:
-        return f" + {term.symbol}"
     text, sign = term.of.strip(), "+"
     if text.startswith("-") and not isinstance(getattr(_tree(text), "op", None), ast.Add | ast.Sub):
         text, sign = text[1:].strip(), "-"
-    return f" {sign} {term.symbol} {_parenthesised(text)}"
+    return f" {sign} {term.symbol} {_parenthesised(text)}".removesuffix(" 1")
 
 
 def _equation(axes: Sequence[AxisEquation]) -> tuple[str, str]:

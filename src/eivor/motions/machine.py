@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eivor import checks
-from eivor.errors import InputError, UsageError
+from eivor.errors import InputError, UsageError, did_you_mean
 from eivor.estimation.estimate import Estimate, derived_from
 from eivor.estimation.weighting import residual_spectrum
 from eivor.flights import quantity, verdict
@@ -213,9 +213,14 @@ class SolvedEquation:
         return np.asarray(-at_zero / (residual(1.0) - at_zero))
 
 
-def _require_all(kind: str, names: list[str], provided: Mapping[str, Any]) -> None:
+def _require_all(kind: str, names: list[str], provided: Mapping[str, Any], also: Iterable[str]) -> None:
     missing = [name for name in names if name not in provided]
-    checks.require(not missing, f"{kind} of {', '.join(names)}", f"none of {', '.join(missing)}")
+    unknown = [f"'{name}'" for name in provided if name not in (*names, *also)]
+    received = [f"none of {', '.join(missing)}"] * bool(missing) + unknown
+    remedy = f"Give these {kind}, by these names."
+    if unknown:
+        remedy = did_you_mean(unknown[0].strip("'"), missing or names, remedy)
+    checks.require(not received, f"{kind} of {', '.join(names)}", ", and ".join(received), remedy)
 
 
 @dataclass(frozen=True)
@@ -349,7 +354,12 @@ class Machine(DeclaredMotion[LaggedRuns]):
 
     def solved(self, values: Mapping[str, float]) -> list[SolvedEquation]:
         """Equations with numbers, in an order in which each can be solved."""
-        _require_all("values", [*(term.name for term in self.terms), *(LAGS if self.has_lag else ())], values)
+        _require_all(
+            "values",
+            [*(term.name for term in self.terms), *(LAGS if self.has_lag else ())],
+            values,
+            self.quantities,
+        )
         remaining = [
             SolvedEquation(
                 _by_order(parsed(axis.response[-1])),
@@ -419,7 +429,15 @@ class Machine(DeclaredMotion[LaggedRuns]):
         h, memory = step_s / substeps, math.exp(-step_s / substeps / memory_s)
         state = {name: np.zeros(shape[1]) for e in equations for name in e.lower}
         names = [item.name for item in self.logged if item.role != "response" and item.name not in state]
-        _require_all("signals", names, signals)
+        channels = [item.name for item in self.logged]
+        _require_all("signals", names, signals, channels)
+        for name in noises:
+            checks.index_of("noise of a channel", name, channels)
+        for name in names:
+            series = signals[name]
+            count = math.inf if callable(series) else len(np.atleast_1d(series))
+            expected = f"{shape[0]} samples of {name}, for {seconds:g} s in steps of {step_s:g} s"
+            checks.require(count >= shape[0], expected, f"{count}", "Give a longer series, or fewer seconds.")
         delay_steps, decay = round(delay_s / h), math.exp(-h / lag_s) if lag_s > 0.0 else 0.0
         logged = {item.name: np.zeros(shape) for item in self.logged}
         push = np.zeros((len(equations), shape[1]))
