@@ -241,6 +241,25 @@ def test_a_derived_quantity_is_judged_by_its_parameters_and_by_its_width():
     assert (weak["drag"], weak["mass"], weak["share"]) == (*2 * [Status.IDENTIFIED], Status.REFUSED)
 
 
+def test_lags_in_two_parts_are_said_with_what_to_declare():
+    rover = ev.load_machine("rover")
+    quantities = {"drive_gain": QuantityEstimate(1.0, "", 0.1, (0.9, 4.0))}
+
+    def remedy(*parts):
+        sets = {"actuator_lag": ConfidenceSet.union(parts), "drive_gain": ConfidenceSet.union([(0.9, 4.0)])}
+        chosen = Instruments(LaggedReferences(("reference_forward_speed",)))
+        inputs = VerdictInputs((), 50.0, 50.0, chosen, checks=MachineChecks({}))
+        inputs = replace(inputs, robust=sets, quantities=quantities)
+        (reason,) = reasons_by_quantity(rover.rules, inputs, rover.quantities)["drive_gain"]
+        return reason.remedy
+
+    assert remedy((0.4, 0.5)) == "Log for longer, or give several logs."
+    assert remedy((0.4, 0.5), (1.6, np.inf)) == (
+        "Lags in 2 parts fit the log (400 to 500 ms, 1600 ms or more): narrow lag_ms to the part that fits "
+        "the machine. Log for longer, or give several logs."
+    )
+
+
 JUMPING = """name = "jumping"
 response = "ddt(v) + ddt(v) * {inertia}"
 [channels]

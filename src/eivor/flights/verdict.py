@@ -339,7 +339,7 @@ class Limit:
     weak_within: float = 0.0  # The same for weak
     zero: Status | None = None  # What an interval that reaches zero allows; None where zero is a value
     #: What to do about an interval that is too wide, and about one that reaches zero
-    narrower: str = "Fly larger and quicker steps, or longer."
+    narrower: Callable[[VerdictInputs], str] | str = "Fly larger and quicker steps, or longer."
     away_from_zero: str = ""
 
     def half_widths(self, value: float) -> tuple[float, float]:

@@ -35,12 +35,26 @@ from eivor.signals.channels import CanonicalChannel
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Complex, Float, capitalised
+from eivor.tools import Bool, Complex, Float, capitalised, plain
 
 # -- Parts of a declaration --
 
 LAGS = (ACTUATOR_LAG.name, DELAY.name)
-LAG_LIMIT = verdict.Limit(identified_within=0.02, identified=0.1, narrower="Move it in quicker steps.")
+
+
+def _narrower(remedy: str, inputs: verdict.VerdictInputs) -> str:
+    lags = inputs.robust.get(ACTUATOR_LAG.name)
+    if lags is None or len(lags.intervals) < 2:
+        return remedy
+    ends = [[plain(1e3 * end, 3) for end in part if end < math.inf] for part in lags.intervals]
+    parts = ", ".join(f"{' to '.join(part)} ms{' or more' * (len(part) < 2)}" for part in ends)
+    advice = "narrow lag_ms to the part that fits the machine."
+    return f"Lags in {len(ends)} parts fit the log ({parts}): {advice} {remedy}"
+
+
+LAG_LIMIT = verdict.Limit(
+    identified_within=0.02, identified=0.1, narrower=partial(_narrower, "Move it in quicker steps.")
+)
 #: Cosine averages of the standard error of an intercept, and degrees of freedom of its t.
 AVERAGES = 8
 #: Time constants of the lags of references, of which the strongest is taken [s].
@@ -555,7 +569,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
                 DELAY.name, (), lambda longest, _: delay.format(longest), check
             )
             rows += [verdict.longest_lag_rule((), check), too_long, SLOW_SAMPLES]
-        longer = "Log for longer, or give several logs."
+        longer = partial(_narrower, "Log for longer, or give several logs.")
         limit = verdict.Limit(
             *self.half_widths, zero=Status.REFUSED, narrower=longer, away_from_zero=self.move
         )
