@@ -438,7 +438,7 @@ def _reciprocals(
     return {
         name: lag_prior.reciprocal(estimates[spec.reciprocal_of], spec.unit)
         for name, spec in motion.quantities.items()
-        if spec.reciprocal_of in motion.quantities.headline
+        if spec.reciprocal_of in estimates
     }
 
 

@@ -108,6 +108,14 @@ class Derived:
     def parameters(self) -> tuple[str, ...]:
         return parsed(self.of).columns
 
+    @property
+    def reciprocal_of(self) -> str:
+        """The parameter that it is one over; empty for others."""
+        match parsed(self.of).steps:
+            case [1.0, str() as name, np.divide]:
+                return name
+        return ""
+
     def quantity(self, estimate: Estimate) -> QuantityEstimate:
         """Value and interval: by Fieller's method for a ratio, else by a profile."""
         expression = parsed(self.of)
@@ -279,6 +287,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
                 in_rows=item.name in parameters,
                 headline=item.name in self.headline,
                 needs=item.parameters if isinstance(item, Derived) else (),
+                reciprocal_of=item.reciprocal_of if isinstance(item, Derived) else "",
             )
             for item in listed
         }
@@ -580,7 +589,9 @@ class Machine(DeclaredMotion[LaggedRuns]):
             if not term.is_intercept:
                 rows += limit.rules(term.name, self.quantities[term.name])
         for item in self.derived:
-            rows += verdict.flight_rules(words, (item.name,), item.parameters, item.name)
+            rows += verdict.flight_rules(
+                words, (item.name,), item.parameters, item.reciprocal_of or item.name
+            )
             rows += limit.rules(item.name, self.quantities[item.name])
         return tuple(rows)
 
