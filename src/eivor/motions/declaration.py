@@ -308,6 +308,9 @@ def _tables(top: TomlTable, name: str, only_key: str) -> dict[str, TomlTable]:
     for key in tables:
         if not _NAME.fullmatch(key):
             raise parent.wrong(key, "a name of letters, digits and _", repr(key), "Rename it.")
+        if name in ("terms", "derived") and key in LAG_QUANTITIES:
+            remedy = f"Rename it, such as {key}_of_term."
+            raise parent.wrong(key, "a name that no lag of actuators has", repr(key), remedy)
     return {key: parent.part(key) for key in tables}
 
 
@@ -489,7 +492,6 @@ def _term(
     name: str, section: TomlTable, names: _Names, responses: tuple[str, ...], response_unit: Unit
 ) -> Term:
     spec = section.convert(_Term)
-    _refuse_lags(name, section)
     unit, _ = names.unit(section, "of", spec.of)
     _refuse_references(section, "of", names, [spec.of])
     text = names.expanded(spec.of)
@@ -517,12 +519,6 @@ def _term(
             raise section.wrong("unit", expected, f"'{spec.unit}'", "Correct it, or the expression.")
     unit_words = unit_text(required) if spec.unit is None else spec.unit
     return Term(name, text, spec.symbol or name, unit_words, behind=bool(spec.behind))
-
-
-def _refuse_lags(name: str, section: TomlTable) -> None:
-    if name in LAG_QUANTITIES:
-        expected, remedy = "a name that no lag of actuators has", f"Rename it, such as {name}_of_term."
-        raise section.wrong("", expected, f"'{name}'", remedy)
 
 
 def _refuse_references(section: TomlTable, key: str, names: _Names, texts: Sequence[str]) -> None:
@@ -591,7 +587,6 @@ def _derived(top: TomlTable, terms: Mapping[str, Term]) -> tuple[Derived, ...]:
                 remedy = did_you_mean(item, tuple(units), "Name parameters.")
                 expected = f"an expression over the parameters {', '.join(units)}"
                 raise section.wrong("is", expected, f"{spec.of!r} with '{item}'", remedy)
-        _refuse_lags(name, section)
         if name in terms:
             raise section.wrong("", "a name that no parameter has", f"'{name}'", "Rename it.")
         unit, scaled = _unit_checked(section, "is", lambda e=expression: unit_of(e, units))

@@ -111,10 +111,8 @@ class Derived:
     @property
     def reciprocal_of(self) -> str:
         """The parameter that it is one over; empty for others."""
-        match parsed(self.of).steps:
-            case [1.0, str() as name, np.divide]:
-                return name
-        return ""
+        steps = parsed(self.of).steps
+        return str(steps[1]) if (*steps[:1], *steps[2:]) == (1.0, np.divide) else ""
 
     def quantity(self, estimate: Estimate) -> QuantityEstimate:
         """Value and interval: by Fieller's method for a ratio, else by a profile."""
@@ -237,11 +235,9 @@ class SolvedEquation:
 
 def _require_all(kind: str, names: list[str], provided: Mapping[str, Any], also: Iterable[str]) -> None:
     missing = [name for name in names if name not in provided]
-    unknown = [f"'{name}'" for name in provided if name not in (*names, *also)]
-    received = [f"none of {', '.join(missing)}"] * bool(missing) + unknown
-    remedy = f"Give these {kind}, by these names."
-    if unknown:
-        remedy = did_you_mean(unknown[0].strip("'"), missing or names, remedy)
+    unknown = [name for name in provided if name not in (*names, *also)]
+    received = [f"none of {', '.join(missing)}"] * bool(missing) + list(map(repr, unknown))
+    remedy = did_you_mean("".join(unknown[:1]), missing or names, f"Give these {kind}, by these names.")
     checks.require(not received, f"{kind} of {', '.join(names)}", ", and ".join(received), remedy)
 
 
@@ -589,9 +585,8 @@ class Machine(DeclaredMotion[LaggedRuns]):
             if not term.is_intercept:
                 rows += limit.rules(term.name, self.quantities[term.name])
         for item in self.derived:
-            rows += verdict.flight_rules(
-                words, (item.name,), item.parameters, item.reciprocal_of or item.name
-            )
+            known = item.reciprocal_of or item.name
+            rows += verdict.flight_rules(words, (item.name,), item.parameters, known)
             rows += limit.rules(item.name, self.quantities[item.name])
         return tuple(rows)
 
