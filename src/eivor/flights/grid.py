@@ -356,7 +356,8 @@ def airborne(*, input_level: Series, step_s: float, landed: Mask | None, height:
     if level <= 0.0:
         return Active(np.zeros(off.size, dtype=np.bool_), "the input, which never rises above zero")
     if height is not None:
-        off |= _carried_by_ground(input_level < CARRIED_SHARE * level, height, step_s)
+        usual_level = float(np.median(input_level[input_level > 0.5 * level]))
+        off |= _carried_by_ground(input_level < CARRIED_SHARE * usual_level, height, step_s)
     if off.sum() * step_s < OFF_FOR_S:
         return Active(np.ones(off.size, dtype=np.bool_), "the input, which is never off")
     if height is None:
