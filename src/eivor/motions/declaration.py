@@ -597,11 +597,15 @@ def _derived(top: TomlTable, terms: Mapping[str, Term]) -> tuple[Derived, ...]:
 
 
 def _activity(top: TomlTable, spec: _Active | None, names: _Names, axes: Sequence[AxisEquation]) -> Activity:
-    if spec is not None:
-        names.unit(top.part("active"), "when", spec.when)
-        return Activity(names.expanded(spec.when))
-    speeds = (speed for axis in axes for term in axis.terms for speed in _signs(term.of))
-    return Activity("", tuple(dict.fromkeys(speeds)))
+    speeds = dict.fromkeys(speed for axis in axes for term in axis.terms for speed in _signs(term.of))
+    if spec is None:
+        return Activity("", tuple(speeds))
+    names.unit(top.part("active"), "when", spec.when)
+    when = names.expanded(spec.when)
+    # a speed that the condition is over stands still where the condition says
+    return Activity(
+        when, tuple(item for item in speeds if not {*parsed(item).columns} <= {*parsed(when).columns})
+    )
 
 
 def _signs(text: str) -> Iterator[str]:

@@ -34,7 +34,7 @@ from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, parsed, r
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
-from eivor.signals.signals import Signals
+from eivor.signals.signals import Signals, stretches
 from eivor.tools import Bool, Complex, Float, capitalised, plain
 
 # -- Parts of a declaration --
@@ -63,6 +63,8 @@ TIME_CONSTANTS_S = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0)
 SPARE_INSTRUMENTS = 2
 #: A machine stands still below this share of its usual speed, or this multiple of its noise.
 STANDSTILL_SHARE, STANDSTILL_NOISES = 0.02, 3.0
+#: for so many samples in a row: shorter is a reversal, and leaving it out would favour some disturbances.
+STANDSTILL_SAMPLES = 6
 #: Less than this share of a log in use is refused; of the default rule, less than that is weak.
 LEAST_ACTIVE, CLEARLY_ACTIVE = 0.2, 0.7
 #: Steps of grids are within these [s]: those of the fastest channel.
@@ -151,18 +153,22 @@ class Activity:
         self, values: Callable[[str], Float[np.ndarray, " n"]]
     ) -> tuple[Bool[np.ndarray, " n"] | None, str]:
         """Mask of the samples that count, None for all, and the rule in words."""
-        if self.when:
-            return values(self.when) > 0.5, f"the condition {self.when}"
-        if not self.moving:
+        if not (self.when or self.moving):
             return None, "the whole record"
-        counted, rules = np.array(True), list[str]()
+        counted = values(self.when) > 0.5 if self.when else np.array(True)
+        rules = list[str]()
         for text in self.moving:
             speed = np.abs(values(text))
             noise = STANDSTILL_NOISES * white_noise_std(speed[np.isfinite(speed)])
             threshold = max(STANDSTILL_SHARE * float(np.nanquantile(speed, 0.95)), noise)
-            counted = counted & (speed > threshold)
+            moves = np.ones(speed.size, dtype=np.bool_)
+            for slow in stretches(~(speed > threshold)):
+                moves[slow] = slow.stop - slow.start < STANDSTILL_SAMPLES
+            counted = counted & moves
             rules.append(f"|{text}| above {threshold:.2g}")
-        return np.asarray(counted), f"movement: {' and '.join(rules)}"
+        condition = [f"the condition {self.when}"] if self.when else []
+        movement = [f"movement: {' and '.join(rules)}"] if rules else []
+        return np.asarray(counted), "; ".join((*condition, *movement))
 
 
 # -- Simulation --
@@ -657,7 +663,7 @@ STANDSTILL = verdict.Rule(
         f"Standstill is {1.0 - _active_share(inputs.flights):.0%} of the log. It is known by the measured "
         "speed, which disturbances move too: what is left favours some of them."
     ),
-    'Keep it moving, or declare [active] by a reference: when = "abs(ddt(reference)) > 0.1".',
+    "Keep it moving: plan references that turn at once.",
 )
 
 
