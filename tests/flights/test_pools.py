@@ -71,6 +71,28 @@ def one_sine():
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_flights_of_two_batteries_differ_in_the_gain_alone():
+    first, second = named(flown(2, seconds=20.0, seed=9))
+    commands = {k: c for k, c in second.channels.items() if k.startswith(("rotor_command", "input"))}
+    weaker = changed(second, **{k: replace(c, values=1.06 * c.values) for k, c in commands.items()})
+    single = ev.identify_flight(first)
+    fit = ev.identify_flight([first, weaker])
+    pool = fit.fit.pooled
+    assert (pool.differing, pool.inflation) == (("input_gain",), 1.0)
+    assert [item for item in fit.findings if item.name == "shared_differs"] == []
+    (finding,) = [item for item in fit.findings if item.name == "flights_differ"]
+    assert "input gain" in finding.message
+    low, high = fit.quantities["input_gain"].interval
+    assert low < GAIN / 1.06
+    assert high > GAIN
+    for name, value in {K: FRICTION, "effective_lag": LAG_S}.items():
+        low, high = fit.quantities[name].interval
+        assert low < value < high
+        assert high - low < 1.2 * (single.quantities[name].interval[1] - single.quantities[name].interval[0])
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_flights_that_agree_have_one_friction_and_one_for_each(alike):
     assert [row.label for row in alike.by_flight] == ["flight 0", "flight 1"]
     truth = {K: FRICTION, "input_gain": GAIN, "effective_lag": LAG_S}

@@ -171,18 +171,27 @@ class Pooled:
 
     estimates: tuple[Estimate, ...]
     flight_specific: tuple[str, ...]  # Linear parameters that belong to the flight
+    differing: tuple[str, ...]  # Those of them that the flights should share, and do not
     criterion: sets.Criterion
     nuisances: tuple[Nuisance, ...]
     shared_p_value: float
     inflation: float  # Factor of the variance of what is shared
     separate: bool = False
 
+    @property
+    def tested(self) -> tuple[str, ...]:
+        """Parameters of the flight in which all may agree."""
+        return tuple(name for name in self.flight_specific if name not in self.differing)
+
     @cached_property
     def common(self) -> sets.Criterion:
-        """J of flights that agree in their own parameters."""
-        first = self.criterion.members[0]
-        shared = tuple(member.recentred(first.centre) for member in self.criterion.members)
-        return replace(self.criterion, members=shared, flight_specific=())
+        """J of flights that agree in their own parameters, but for those that differ."""
+        positions, members = self._positions(self.differing), list[sets.PoolMember]()
+        for member in self.criterion.members:
+            centre = self.criterion.members[0].centre.copy()
+            centre[positions] = member.centre[positions]
+            members.append(member.recentred(centre))
+        return replace(self.criterion, members=tuple(members), flight_specific=tuple(positions))
 
     @property
     def values(self) -> Values:
@@ -222,13 +231,17 @@ class Pooled:
     @cached_property
     def agreement_p_value(self) -> float:
         """P-value of the test that flights agree in their own parameters."""
-        degrees = (len(self.estimates) - 1) * len(self.flight_specific)
+        degrees = (len(self.estimates) - 1) * len(self.tested)
         return chi_square_tail(max(self.common.minimum[1] - self.criterion.minimum[1], 0.0), degrees)
 
     @property
     def differs(self) -> bool:
         """Whether flights differ in their own parameters, or are not taken as agreeing."""
         return self.separate or self.agreement_p_value < DIFFERENT
+
+    def has_mean(self, name: str) -> bool:
+        """Whether the pool's value of a parameter is a mean of flights that differ."""
+        return name in self.differing or (self.differs and name in self.flight_specific)
 
     def member(self, number: int) -> Estimate:
         """Estimate of one flight, with the pool's values of shared parameters."""
@@ -268,11 +281,17 @@ class Pooled:
 
     def common_sets(self, name: str, level: float = 0.95) -> sets.ParameterSets | None:
         """Sets of a parameter that all flights have in common, or of the common value of one that is not."""
-        is_specific = name in self.flight_specific
-        if not self.has_sets or (is_specific and self.differs):
+        if not self.has_sets or (self.has_mean(name) and name not in self.differing):
             return None
+        if name in self.differing:  # among the flights' values: a mean of two has an interval wide open
+            low, high = self.pooled_estimate().interval(name, level)
+            members = (item.robust.intervals for item in self.member_sets(name, level) if item is not None)
+            ends = np.array([end for intervals in members for interval in intervals for end in interval])
+            hull = ConfidenceSet(((float(ends.min()), float(ends.max())),))
+            narrower = ends.max() - ends.min() < high - low
+            return sets.ParameterSets(ConfidenceSet(((low, high),)), hull, hull) if narrower else None
         position = self._positions([name])[0]
-        criterion = self.common if is_specific else self.criterion
+        criterion = self.common if name in self.flight_specific else self.criterion
         instruments, minimum = max(member.instruments for member in criterion.members), criterion.minimum[1]
         return sets.ParameterSets(
             ConfidenceSet((self.pooled_estimate().interval(name, level),)),
@@ -296,7 +315,7 @@ class Pooled:
         position = self._positions([name])[0]
         values = np.array([theta[position] for theta in self.theta])
         rows = [int(index[position]) for index in self.joint.indices]
-        if self.differs:
+        if self.has_mean(name):
             flights = Grouped(one_group(values.size), values, self.joint.flight_parameter_variance(rows))
             means = flights.means(flights.moment_between())
             return float(means.value[0]), means.weights, float(means.variance[0])
@@ -411,7 +430,18 @@ def pooled(
     values = first.minimum[0]
     criterion = weighted([values] * len(estimates), first.parameters(values))
     p_value, inflation = _differences(criterion)
-    return Pooled(tuple(estimates), tuple(names), criterion, nuisances, p_value, inflation, separate)
+    differing: tuple[str, ...] = ()
+    if inflation > 1.0 and criterion.shared:  # by one parameter alone, as flights of two batteries
+        freed = [replace(criterion, flight_specific=(*specific, index)) for index in criterion.shared]
+        p_values = [_differences(item)[0] for item in freed]
+        best = freed[int(np.argmax(p_values))]
+        if max(p_values) >= DIFFERENT:
+            specific, inflation = list(best.flight_specific), 1.0
+            differing = (parameters[specific[-1]],)
+            criterion = weighted([best.minimum[0]] * len(estimates), best.parameters(best.minimum[0]))
+    return Pooled(
+        tuple(estimates), (*names, *differing), differing, criterion, nuisances, p_value, inflation, separate
+    )
 
 
 def _differences(criterion: sets.Criterion) -> tuple[float, float]:

@@ -146,13 +146,17 @@ def linear_names(pool: Pooled) -> tuple[str, ...]:
 
 def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> Iterator[Finding]:
     """Findings about the agreement of a pool's flights."""
-    text = " and ".join(motion.quantities[name].words for name in pool.flight_specific)
-    if pool.differs:
-        p_words = f" (p {pool.agreement_p_value:.2g})" if not pool.separate else ""
+    text = " and ".join(motion.quantities[name].words for name in pool.tested)
+    means = [name for name in pool.flight_specific if pool.has_mean(name)]
+    if means:
+        p_values = [] if pool.separate else [pool.agreement_p_value]
+        p_values += [pool.shared_p_value] if pool.differing else []
+        p_words = f" (p {min(p_values):.2g})" if p_values else ""
+        differing = " and ".join(motion.quantities[name].words for name in means)
         yield Finding(
             "flights_differ",
-            f"The flights differ in {text}{p_words}: its value here is their mean, whose interval counts the "
-            "differences. Each flight's own is listed by flight.",
+            f"The flights differ in {differing}{p_words}: its value here is their mean, whose interval "
+            "counts the differences. Each flight's own is listed by flight.",
         )
     if pool.inflation > 1.0:
         shared = [name for name in linear_names(pool) if name not in pool.flight_specific]

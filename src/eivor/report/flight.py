@@ -323,12 +323,16 @@ def _prior_checks(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
         yield "lag", f"{fit.lag_prior.sentence} {_p_of(fit.lag_prior.p_value)}"
     pool = fit.pooled
     if pool is not None:
-        text = ", ".join(result.motion.quantities[name].symbol for name in pool.flight_specific)
+        text, differing = (
+            ", ".join(result.motion.quantities[name].symbol for name in names)
+            for names in (pool.tested, pool.differing)
+        )
         yield (
             "pool",
             f"the flights {outcome_word(pool.agreement_p_value, AGREEMENT)} in {text} "
             f"{_p_of(pool.agreement_p_value)} and "
-            f"{outcome_word(pool.shared_p_value, AGREEMENT)} in what they share {_p_of(pool.shared_p_value)}",
+            f"{outcome_word(pool.shared_p_value, AGREEMENT)} in "
+            f"{differing or 'what they share'} {_p_of(pool.shared_p_value)}",
         )
     if fit.sensors is not None:
         yield "sensors", result.motion.abilities.sensors.sentence(fit.sensors)
