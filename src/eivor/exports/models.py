@@ -17,7 +17,8 @@ from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, T
 from eivor.exports.vehicle import Columns, ExportOfDraws, VehicleDescription
 from eivor.logs.channel_map import Expression
 from eivor.models.frequency_response import python_control
-from eivor.motions.machine import Machine, SolvedEquation
+from eivor.motions.equation import SolvedEquation
+from eivor.motions.machine import Machine
 from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, speed_derivative
 from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import Mixed, Power

@@ -11,13 +11,14 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from eivor import checks
 from eivor.estimation.estimate import Estimate
 from eivor.flights import motion, quantity
 from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities, lag_quantities
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import QuantityEstimate, SimpleModel, Trace
 from eivor.flights.references import ReferenceSource
-from eivor.logs.channel_map import Expression, parse_expression
+from eivor.logs.channel_map import Expression, InTime, parse_expression
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns, actuators, lag_and_delay
 from eivor.models.regression import Parameter
 from eivor.models.separable import InstrumentRule, LaggedReferences, Prior, Values
@@ -643,3 +644,68 @@ def _responses(series: Sequence[np.ndarray], step_s: float) -> Float[np.ndarray,
         filtered = np.fft.irfft(np.fft.rfft(item - item[0], length) * pulse_spectra, length)[:, 1 : count + 1]
         columns.append(filtered.T + item[0] * pulses.sum(axis=1))
     return np.concatenate(columns, axis=1)
+
+
+# -- Simulation --
+
+
+def by_order(expression: Expression) -> Expression:
+    """The expression with derivatives of channels as columns, such as ``q''``."""
+    steps: list[Any] = []
+    for step in expression.steps:
+        if isinstance(step, InTime):
+            checks.require(
+                step.lag_s is None and isinstance(steps[-1], str),
+                "derivatives of channels alone in an equation that is simulated",
+                f"'{expression.text}'",
+                "Declare a channel for what is derived.",
+            )
+            steps[-1] += "'"
+        else:
+            steps.append(step)
+    return replace(expression, steps=tuple(steps))
+
+
+@dataclass(frozen=True)
+class SolvedEquation:
+    """Equation of one axis with numbers, solved for its highest derivative."""
+
+    response: Expression
+    terms: tuple[tuple[float, Expression, bool], ...]  # Parameter, expression, behind the actuator
+    others: tuple[str, ...]  # Response channels that may be logged as well
+
+    @cached_property
+    def solved(self) -> str:
+        """Highest derivative of the state of the response, or else of the terms."""
+        of_response = [name for name in self.response.columns if name.endswith("'")]
+        states = {name.rstrip("'") for name in of_response or self._derived}
+        expected, remedy = "one state with a derivative in each equation", "Simulate it by other means."
+        checks.require(len(states) == 1, expected, ", ".join(sorted(states)) or "none", remedy)
+        return max((name for name in self._derived if {name.rstrip("'")} == states), key=len)
+
+    @property
+    def _derived(self) -> set[str]:
+        columns = [*self.response.columns, *(name for _, item, _ in self.terms for name in item.columns)]
+        return {name for name in columns if name.endswith("'")}
+
+    @property
+    def needed(self) -> set[str]:
+        """Derivatives that this equation takes as known."""
+        return self._derived - {self.solved}
+
+    @property
+    def lower(self) -> list[str]:
+        """The state and its derivatives below the solved one."""
+        return [self.solved[: -1 - n] for n in range(self.solved.count("'"))]
+
+    def derivative(self, known: Mapping[str, Any], actuated: Mapping[str, Any], push: Any) -> np.ndarray:
+        """Value of the highest derivative, in which the equation is affine."""
+
+        def residual(value: float) -> Any:
+            columns = {**known, self.solved: value}
+            lagged = {**columns, **actuated}
+            right = sum(p * item.evaluate(lagged if behind else columns) for p, item, behind in self.terms)
+            return self.response.evaluate(columns) - right - push
+
+        at_zero = residual(0.0)
+        return np.asarray(-at_zero / (residual(1.0) - at_zero))

@@ -26,11 +26,10 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.covariance import JointEstimate
 from eivor.inference.distributions import chi_square_tail, t_quantile
 from eivor.inference.verdict import Cause, Status
-from eivor.logs.channel_map import Expression, InTime
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import InstrumentRule, LaggedReferences, Prior
 from eivor.motions import equation
-from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, parsed, response_predictions
+from eivor.motions.equation import AxisEquation, DeclaredMotion, SolvedEquation, Term, parsed
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
@@ -179,68 +178,6 @@ class Activity:
 LONGEST_STEP_S = 0.005
 
 
-def _by_order(expression: Expression) -> Expression:
-    """The expression with derivatives of channels as columns, such as ``q''``."""
-    steps: list[Any] = []
-    for step in expression.steps:
-        if isinstance(step, InTime):
-            checks.require(
-                step.lag_s is None and isinstance(steps[-1], str),
-                "derivatives of channels alone in an equation that is simulated",
-                f"'{expression.text}'",
-                "Declare a channel for what is derived.",
-            )
-            steps[-1] += "'"
-        else:
-            steps.append(step)
-    return replace(expression, steps=tuple(steps))
-
-
-@dataclass(frozen=True)
-class SolvedEquation:
-    """Equation of one axis with numbers, solved for its highest derivative."""
-
-    response: Expression
-    terms: tuple[tuple[float, Expression, bool], ...]  # Parameter, expression, behind the actuator
-    others: tuple[str, ...]  # Response channels that may be logged as well
-
-    @cached_property
-    def solved(self) -> str:
-        """Highest derivative of the state of the response, or else of the terms."""
-        of_response = [name for name in self.response.columns if name.endswith("'")]
-        states = {name.rstrip("'") for name in of_response or self._derived}
-        expected, remedy = "one state with a derivative in each equation", "Simulate it by other means."
-        checks.require(len(states) == 1, expected, ", ".join(sorted(states)) or "none", remedy)
-        return max((name for name in self._derived if {name.rstrip("'")} == states), key=len)
-
-    @property
-    def _derived(self) -> set[str]:
-        columns = [*self.response.columns, *(name for _, item, _ in self.terms for name in item.columns)]
-        return {name for name in columns if name.endswith("'")}
-
-    @property
-    def needed(self) -> set[str]:
-        """Derivatives that this equation takes as known."""
-        return self._derived - {self.solved}
-
-    @property
-    def lower(self) -> list[str]:
-        """The state and its derivatives below the solved one."""
-        return [self.solved[: -1 - n] for n in range(self.solved.count("'"))]
-
-    def derivative(self, known: Mapping[str, Any], actuated: Mapping[str, Any], push: Any) -> np.ndarray:
-        """Value of the highest derivative, in which the equation is affine."""
-
-        def residual(value: float) -> Any:
-            columns = {**known, self.solved: value}
-            lagged = {**columns, **actuated}
-            right = sum(p * item.evaluate(lagged if behind else columns) for p, item, behind in self.terms)
-            return self.response.evaluate(columns) - right - push
-
-        at_zero = residual(0.0)
-        return np.asarray(-at_zero / (residual(1.0) - at_zero))
-
-
 def _require_all(kind: str, names: list[str], provided: Mapping[str, Any], also: Iterable[str]) -> None:
     missing = [name for name in names if name not in provided]
     unknown = [name for name in provided if name not in (*names, *also)]
@@ -336,7 +273,9 @@ class Machine(DeclaredMotion[LaggedRuns]):
         ahead = partial(equation.equation_prediction, self.axes) if states else None
         return Abilities(
             vehicle=VehicleSupport(None, {"machine": dict(self.record)}, lambda _: self),
-            prediction=Prediction(equation.simple_models, partial(response_predictions, self.axes), ahead),
+            prediction=Prediction(
+                equation.simple_models, partial(equation.response_predictions, self.axes), ahead
+            ),
             excitation=self._excitation,
             findings=self._findings,
             tracking=self._tracked_parameter,
@@ -381,16 +320,15 @@ class Machine(DeclaredMotion[LaggedRuns]):
 
     def solved(self, values: Mapping[str, float]) -> list[SolvedEquation]:
         """Equations with numbers, in an order in which each can be solved."""
-        _require_all(
-            "values",
-            [*(term.name for term in self.terms), *(LAGS if self.has_lag else ())],
-            values,
-            self.quantities,
-        )
+        names = [*(term.name for term in self.terms), *(LAGS if self.has_lag else ())]
+        _require_all("values", names, values, self.quantities)
         remaining = [
             SolvedEquation(
-                _by_order(parsed(axis.response[-1])),
-                tuple((values[term.name], _by_order(term.expression), term.behind) for term in axis.terms),
+                equation.by_order(parsed(axis.response[-1])),
+                tuple(
+                    (values[term.name], equation.by_order(term.expression), term.behind)
+                    for term in axis.terms
+                ),
                 axis.response[:-1],
             )
             for axis in self.axes
