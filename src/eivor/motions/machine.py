@@ -62,7 +62,7 @@ TIME_CONSTANTS_S = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0)
 SPARE_INSTRUMENTS = 2
 #: A machine stands still below this share of its usual speed, or this multiple of its noise.
 STANDSTILL_SHARE, STANDSTILL_NOISES = 0.02, 3.0
-#: A reversal in fewer samples is no standstill: leaving it out would favour some disturbances.
+#: A reversal in fewer samples is no standstill: where noise decides, leaving it out would favour some noises.
 STANDSTILL_SAMPLES = 6
 #: Less than this share of a log in use is refused; of the default rule, less than that is weak.
 LEAST_ACTIVE, CLEARLY_ACTIVE = 0.2, 0.7
@@ -160,9 +160,9 @@ class Activity:
             velocity = values(text)
             speed = np.abs(velocity)
             noise = STANDSTILL_NOISES * white_noise_std(speed[np.isfinite(speed)])
-            threshold = max(STANDSTILL_SHARE * float(np.nanquantile(speed, 0.95)), noise)
-            moves = speed > threshold
-            for slow in stretches(~moves):
+            usual = STANDSTILL_SHARE * float(np.nanquantile(speed, 0.95))
+            threshold, moves = max(usual, noise), speed > max(usual, noise)
+            for slow in stretches(~moves) if noise > usual else ():
                 if slow.stop - slow.start < STANDSTILL_SAMPLES and slow.start > 0 and slow.stop < speed.size:
                     moves[slow] = velocity[slow.start - 1] * velocity[slow.stop] < 0.0
             counted = counted & moves
