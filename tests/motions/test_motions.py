@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import re
 import sys
@@ -190,8 +191,11 @@ def simulate(monkeypatch):
     monkeypatch.syspath_prepend(str(ROVER / "src"))
     monkeypatch.setattr(channels, "_TABLE", dict(channels.canonical_channels()))
     point = EntryPoint("rover", "eivor_rover:Rover", motions.GROUP)
-    by_group = {motions.GROUP: [point]}
-    monkeypatch.setattr("importlib.metadata.entry_points", lambda *, group: by_group.get(group, []))
+    others = importlib.metadata.entry_points
+    monkeypatch.setattr(
+        "importlib.metadata.entry_points",
+        lambda **by: [point] if by["group"] == motions.GROUP else others(**by),
+    )
     loaded_motion.cache_clear()
     import simulate
 
