@@ -49,7 +49,7 @@ def test_items_are_kept_to_their_limits(tmp_path, monkeypatch):
             worker("memory")
         alone, turn = [], process_pool._TURNS.turn
         monkeypatch.setattr(
-            process_pool._TURNS, "turn", lambda *a, **b: alone.append(b["alone"]) or turn(*a, **b)
+            process_pool._TURNS, "turn", lambda *a, **b: alone.append(b["exclusive"]) or turn(*a, **b)
         )
         with pytest.raises(LimitError, match=r"died \(exit code 7\)\.$"):
             worker("die")

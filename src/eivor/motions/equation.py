@@ -413,14 +413,14 @@ def _predicted(
     signals, (channel, *_) = flight.signals, axis.state or ("",)
     state = signals.channel(channel)
     unlagged = [term for term in axis.terms if term.is_steady]
-    own = [t for t in unlagged if t.expression.of_moments and t.expression.columns == (channel,)]
-    driving = [term for term in unlagged if term not in own]
+    undriven = [t for t in unlagged if t.expression.of_moments and t.expression.columns == (channel,)]
+    driving = [term for term in unlagged if term not in undriven]
     lagged = [term for term in axis.terms if term.behind]
     driven = DrivenColumns(axis, signals)(values) @ np.array([values[term.name] for term in lagged])
     driven += axis.columns(signals, [term.of for term in driving]) @ [values[term.name] for term in driving]
 
     def effect(of: np.ndarray) -> np.ndarray:
-        parts = [values[term.name] * term.expression.evaluate({channel: of}) for term in own]
+        parts = [values[term.name] * term.expression.evaluate({channel: of}) for term in undriven]
         return np.sum(parts, axis=0) if parts else np.zeros_like(of)
 
     driven = driven + motion.trim(flight, time_derivative(state, signals.step_s) - effect(state) - driven)
