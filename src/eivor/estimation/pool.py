@@ -284,12 +284,12 @@ class Pooled:
         if not self.has_sets or (self.has_mean(name) and name not in self.differing):
             return None
         if name in self.differing:  # among the flights' values: a mean of two has an interval wide open
-            low, high = self.pooled_estimate().interval(name, level)
+            mean = ConfidenceSet((self.pooled_estimate().interval(name, level),))
             members = (item.robust.intervals for item in self.member_sets(name, level) if item is not None)
-            ends = np.array([end for intervals in members for interval in intervals for end in interval])
-            hull = ConfidenceSet(((float(ends.min()), float(ends.max())),))
-            narrower = ends.max() - ends.min() < high - low
-            return sets.ParameterSets(ConfidenceSet(((low, high),)), hull, hull) if narrower else None
+            hull = ConfidenceSet.union(piece for pieces in members for piece in pieces).hull
+            if np.ptp(hull) < mean.length:
+                return sets.ParameterSets(mean, ConfidenceSet((hull,)), ConfidenceSet((hull,)))
+            return None
         position = self._positions([name])[0]
         criterion = self.common if name in self.flight_specific else self.criterion
         instruments, minimum = max(member.instruments for member in criterion.members), criterion.minimum[1]

@@ -603,9 +603,8 @@ def _activity(top: TomlTable, spec: _Active | None, names: _Names, axes: Sequenc
     names.unit(top.part("active"), "when", spec.when)
     when = names.expanded(spec.when)
     # a speed that the condition is over stands still where the condition says
-    return Activity(
-        when, tuple(item for item in speeds if not {*parsed(item).columns} <= {*parsed(when).columns})
-    )
+    covered = {*parsed(when).columns}
+    return Activity(when, tuple(item for item in speeds if not {*parsed(item).columns} <= covered))
 
 
 def _signs(text: str) -> Iterator[str]:

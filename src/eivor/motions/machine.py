@@ -161,7 +161,8 @@ class Activity:
             speed = np.abs(velocity)
             noise = STANDSTILL_NOISES * white_noise_std(speed[np.isfinite(speed)])
             usual = STANDSTILL_SHARE * float(np.nanquantile(speed, 0.95))
-            threshold, moves = max(usual, noise), speed > max(usual, noise)
+            threshold = max(usual, noise)
+            moves = speed > threshold
             for slow in stretches(~moves) if noise > usual else ():
                 if slow.stop - slow.start < STANDSTILL_SAMPLES and slow.start > 0 and slow.stop < speed.size:
                     moves[slow] = velocity[slow.start - 1] * velocity[slow.stop] < 0.0
