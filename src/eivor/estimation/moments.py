@@ -105,7 +105,8 @@ def _folded(
     edges = first + FOLD * block_edges((last - first) // FOLD, blocks)
     p, m = len(psi), len(columns)
     # a column that is one of the lags has its products among theirs
-    lags = [_lag_position(column, psi) for column in columns]
+    places = {(lag.channel, lag.lag, ""): number for number, lag in enumerate(psi)}
+    lags = [places.get((column.channel, column.lag, column.gain_channel)) for column in columns]
     unlagged = [number for number, lag in enumerate(lags) if lag is None]
     series, others = problem.signals.channel(psi[0].channel), [values[number] for number in unlagged]
     lagged = _lag_products(series, psi, others, edges, last)
@@ -125,12 +126,6 @@ def _folded(
         sums[:, p + i, p + j] = sums[:, p + j, p + i] = squares
     gains = np.array([psi[0].gain] * p + [column.gain for column in columns])
     return Products(np.diff(edges).astype(np.float64), sums * np.outer(gains, gains), p)
-
-
-def _lag_position(column: Column, lags: Sequence[Column]) -> int | None:
-    """Position of a column among successive lags, but for its gain."""
-    equal = column.channel == lags[0].channel and not column.gain_channel
-    return column.lag - lags[0].lag if equal and lags[0].lag <= column.lag <= lags[-1].lag else None
 
 
 def _lag_products(

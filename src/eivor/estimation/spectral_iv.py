@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import scipy
 
 from eivor.errors import EivorError, EstimationError, FallbackWarning, MissingNoiseError
 from eivor.estimation import sampled_motion as sampling
@@ -132,8 +133,6 @@ def minimise_quadratic(
     spectrum: Callable[[sampling.SampledMotion], sampling.PairSpectrum],
 ) -> tuple[sampling.SampledMotion, float, bool]:
     """Minimum of Q at given noises, by least squares of the whitened residuals; and whether it is one."""
-    from scipy.optimize import least_squares
-
     units = np.array([motion.friction, motion.gain, max(abs(transient), 1e-3 * abs(motion.gain))])
 
     def motion_at(x: Float[np.ndarray, " 3"]) -> tuple[sampling.SampledMotion, float]:
@@ -147,7 +146,9 @@ def minimise_quadratic(
 
     first = np.array([1.0, 1.0, transient / units[2]])
     evaluations = EVALUATIONS * first.size
-    squares = least_squares(whitened, first, method="lm", max_nfev=evaluations, xtol=1e-9, ftol=1e-10)
+    squares = scipy.optimize.least_squares(
+        whitened, first, method="lm", max_nfev=evaluations, xtol=1e-9, ftol=1e-10
+    )
     return *motion_at(squares.x), bool(squares.success)
 
 

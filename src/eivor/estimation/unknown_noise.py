@@ -271,8 +271,6 @@ class _MomentSearch:
 
     def minimum(self) -> Float[np.ndarray, " k"]:
         """Least of the weighted moments, weights renewed at each."""
-        from scipy.optimize import least_squares
-
         beta, free = self._start(), [(-np.inf, np.inf)]
         bounds = free * (self.cross.shape[1] - 1)
         for noise in self.shared.unknown:
@@ -280,7 +278,7 @@ class _MomentSearch:
         for _ in range(PASSES):
             # unknowns in units of their slopes; no gradient tolerance, since it has a unit
             size = column_scale(self._slopes(beta))
-            squares = least_squares(
+            squares = scipy.optimize.least_squares(
                 lambda x, size=size: self._residual(size * x),
                 beta / size,
                 lambda x, size=size: self._slopes(size * x) * size,

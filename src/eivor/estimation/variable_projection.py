@@ -7,19 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
+import scipy
 
 from eivor.errors import ConvergenceError
 from eivor.linalg.system import Solution
 from eivor.models.separable import ManyValues, Nuisance, Prior, Values
 from eivor.tools import Float, Int
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
-
 
 #: Axes of a box: one increasing array for each variable.
 Box = Sequence[Float[np.ndarray, " _"]]
@@ -70,14 +66,12 @@ def _along_valley(
     ends: tuple[Float[np.ndarray, " axes"], Float[np.ndarray, " axes"]],
 ) -> Float[np.ndarray, " axes"]:
     """Least value from a start, where boxes along the axes are too slow."""
-    from scipy.optimize import Bounds, minimize
-
     inwards = np.where(start + 0.25 * unit > ends[1], -0.25, 0.25)
-    result = minimize(
+    result = scipy.optimize.minimize(
         lambda point: float(objective([*(point * unit)[:, None]])[0]),
         start / unit,
         method="Nelder-Mead",
-        bounds=Bounds(*(end / unit for end in ends)),
+        bounds=scipy.optimize.Bounds(*(end / unit for end in ends)),
         options={
             "initial_simplex": start / unit + np.vstack([np.zeros_like(start), np.diag(inwards)]),
             "xatol": FINEST,
@@ -252,8 +246,6 @@ def brent_search(
     trial: Callable[[Point], Trial], best: Trial, bounds: tuple[float, float], tolerance: float
 ) -> Trial:
     """Least trial between two values of one nuisance, by Brent's search; never worse than `best`."""
-    from scipy.optimize import minimize_scalar
-
     lowest = best
 
     def objective(value: float) -> float:
@@ -262,7 +254,7 @@ def brent_search(
         lowest = min(tried, lowest, key=lambda item: item.objective)
         return tried.objective
 
-    minimize_scalar(objective, bounds=bounds, method="bounded", options={"xatol": tolerance})
+    scipy.optimize.minimize_scalar(objective, bounds=bounds, method="bounded", options={"xatol": tolerance})
     return lowest
 
 
@@ -278,8 +270,6 @@ def bounded_search(
 ) -> Trial:
     """Least trial within the grids, from a good one, never worse; gains are small as shares of a `unit`."""
     # no derivatives, since the objective has a kink where a delay is a whole sample
-    from scipy.optimize import Bounds, OptimizeResult, minimize
-
     low, high = (np.array([nuisance.grid[end] for nuisance in unknown]) for end in (0, -1))
     names = [nuisance.name for nuisance in unknown]
     units = tolerance * np.array([item.tolerance for item in unknown])
@@ -292,7 +282,7 @@ def bounded_search(
         lowest = min(lowest, tried, key=lambda item: item.objective)
         return tried.objective
 
-    def by_simplices() -> OptimizeResult:
+    def by_simplices() -> scipy.optimize.OptimizeResult:
         to_sums = np.eye(len(unknown))
         for number, nuisance in enumerate(unknown):
             if nuisance.part_of in names:
@@ -301,21 +291,21 @@ def bounded_search(
         simplex = np.vstack([first, first + np.diag(steps)]) / units
         limits = {"xatol": 1.0, "fatol": tolerance * LEAST_GAIN * unit, "maxfev": limit}
         options = {"initial_simplex": simplex, **limits}
-        return minimize(
+        return scipy.optimize.minimize(
             lambda sums: objective(to_values @ (sums * units)),
             simplex[0],
             method="Nelder-Mead",
             options=options,
         )
 
-    def by_quadratic_models() -> OptimizeResult:
+    def by_quadratic_models() -> scipy.optimize.OptimizeResult:
         sizes, scale = np.abs(steps), unit or 1.0
         ends = float(min(0.1 * (units / sizes).min(), 1.0))
-        return minimize(
+        return scipy.optimize.minimize(
             lambda position: objective(position * sizes) / scale,
             np.clip(best.point, low, high) / sizes,
             method="COBYQA",
-            bounds=Bounds(low / sizes, high / sizes),
+            bounds=scipy.optimize.Bounds(low / sizes, high / sizes),
             options={"initial_tr_radius": 1.0, "final_tr_radius": ends, "maxfev": limit},
         )
 
@@ -361,11 +351,9 @@ class NodeAxis:
         return np.log(values) if self.nuisance.positive else values
 
     @cached_property
-    def weights(self) -> CubicSpline:
+    def weights(self) -> scipy.interpolate.CubicSpline:
         """Weight of each node, at places between them."""
-        from scipy.interpolate import CubicSpline
-
-        return CubicSpline(self.nodes, np.eye(self.nodes.size))
+        return scipy.interpolate.CubicSpline(self.nodes, np.eye(self.nodes.size))
 
 
 class Nodes(msgspec.Struct, frozen=True):

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import scipy
 
 from eivor.errors import EstimationError, NotIdentifiedError, UsageError
 from eivor.exports import vehicle
@@ -137,8 +138,6 @@ def _jacobian(
 
 def linearised(craft: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
     """Linear equations of the first vehicle about steady flight along x."""
-    from scipy.optimize import root
-
     c, count, mass = vehicle.coefficients(craft), craft.vehicle.count, craft.values["mass"][0]
     hover = vehicle.manoeuvre(craft, 0.0)[0]
     squares = np.linalg.pinv(vehicle.mixing_matrix(craft)) * mass * GRAVITY / c.thrust_quadratic
@@ -151,7 +150,7 @@ def linearised(craft: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
         derivative = _state_dot(c, state, state[9:])
         return np.concatenate([derivative[:3], derivative[6:9]])
 
-    trim = root(trim_residual, np.zeros(6), tol=1e-12).x
+    trim = scipy.optimize.root(trim_residual, np.zeros(6), tol=1e-12).x
     if not np.abs(trim_residual(trim)).max() < TRIMMED:
         raise EstimationError(
             f"a vehicle that flies steadily at {speed_m_s:g} m/s",
@@ -407,8 +406,6 @@ def _field(name: str, row: int) -> str:
 def _matlab(fitted: Fitted, supplied: Supplied) -> Exported:
     """A struct `fit` of every quantity; NaN stands for what is not identified."""
     supplied.check_only((), "matlab", body=False)
-    from scipy.io import savemat
-
     identified = {name: fitted.is_identified(name) for name in fitted.quantities}
     if not any(identified.values()):
         raise NotIdentifiedError("a quantity that is identified", "none", fitted.why_not(*identified))
@@ -433,7 +430,7 @@ def _matlab(fitted: Fitted, supplied: Supplied) -> Exported:
         "origin": np.array([one_line(line) for line in fitted.origin()], dtype=object),
     }
     buffer = io.BytesIO()
-    savemat(buffer, {"fit": content}, long_field_names=True, oned_as="column")
+    scipy.io.savemat(buffer, {"fit": content}, long_field_names=True, oned_as="column")
     missing = [name for name, is_known in identified.items() if not is_known]
     return Exported(buffer.getvalue(), (f"NaN in the file: {fitted.why_not(*missing)}",) if missing else ())
 

@@ -513,12 +513,6 @@ def motions_for(target: str) -> tuple[str, ...]:
     return ("vertical",) if is_autopilot else ("rigid-body", "vertical")
 
 
-def randomisation_by_name(name: str) -> ExportOfDraws:
-    """Randomisation of a word."""
-    checks.index_of("draws", name, RANDOMISATIONS, "Name one of them, or none for a table.")
-    return RANDOMISATIONS[name]
-
-
 def target_by_name(name: str) -> Target:
     """Target of a word."""
     remedy = "It takes draws: --draws 1000." if name in RANDOMISATIONS else "Name one of them."

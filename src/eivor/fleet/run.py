@@ -194,8 +194,12 @@ def _run_shard(
             folder.merge(motion)
             due = time.monotonic() + max(MERGE_S, MERGE_TIMES * (time.monotonic() - start_s))
     for part in copies.iter_slices(2_000):
-        firsts = zip(LogList(part), part["first"], strict=True)
-        folder.write([table.copy_row(options.row_of(log), first) for log, first in firsts])
+        copied = []
+        for log, first in zip(LogList(part), part["first"], strict=True):
+            reason = f"A copy of {first}, whose row has the numbers."
+            about = {"copy_of": log.sha256, "verdict": table.COPY, "reason": reason}
+            copied.append(options.row_of(log) | about)
+        folder.write(copied)
     folder.merge(motion)
     stored = folder.opened_rows(options.motion)
     if shard.page_of is not None:

@@ -584,12 +584,6 @@ def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:
     return {**about, "verdict": FAILED, "reason": reason}
 
 
-def copy_row(about: Mapping[str, Any], first: str) -> dict[str, Any]:
-    """Row of a copy: it names the first, and has no numbers of its own."""
-    reason = f"A copy of {first}, whose row has the numbers."
-    return {**about, "copy_of": about["sha256"], "verdict": COPY, "reason": reason}
-
-
 def _of_recording(recording: Recording) -> dict[str, Any]:
     (start, end), origin = recording.span_s, recording.origin
     results = {"firmware": origin.firmware or None, "start": origin.start, "duration_s": end - start}

@@ -109,7 +109,13 @@ class MultiStepPrediction:
         than = [f"{ratio:.2g} of those of '{words}'" for words, ratio in self.ratios.items()]
         if not than:
             return f"{after} there is nothing to hold the fit's errors against."
-        return f"{after} the fit's errors are {' and '.join(than)}, in the mean.{self._beaten}"
+        better: dict[str, list[str]] = {}
+        for item, *simpler in self.by_quantity:
+            for model in simpler:
+                if model.rms[-1] < item.rms[-1]:
+                    better.setdefault(model.words, []).append(item.quantity)
+        beaten = (f" '{words}' leaves less of {', '.join(names)}." for words, names in better.items())
+        return f"{after} the fit's errors are {' and '.join(than)}, in the mean.{''.join(beaten)}"
 
     @property
     def inequality(self) -> str:
@@ -117,15 +123,6 @@ class MultiStepPrediction:
         parts = [f"{item.quantity} {item.theil:.2f}" for item, *_ in self.by_quantity]
         after = f"after {self.horizons_s[-1]:g} s (0 all of the change is predicted, 1 nothing)"
         return f"Theil's inequality coefficients {after}: {', '.join(parts)}." if parts else ""
-
-    @property
-    def _beaten(self) -> str:
-        better: dict[str, list[str]] = {}
-        for item, *simpler in self.by_quantity:
-            for model in simpler:
-                if model.rms[-1] < item.rms[-1]:
-                    better.setdefault(model.words, []).append(item.quantity)
-        return "".join(f" '{words}' leaves less of {', '.join(names)}." for words, names in better.items())
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from eivor.flights.grid import Active, Grid, Mask, bridged, command_on_grid, com
 from eivor.flights.motion import Motion
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.references import jumps, named_reference, noise_findings, noise_levels, references
+from eivor.flights.references import jumps, named_reference, noise_levels, references
 from eivor.flights.timestamps import Clock, as_issued, check_rate, command_clock, known_clock
 from eivor.signals.channels import common_side, family_members
 from eivor.signals.filters import fast_length
@@ -83,6 +83,8 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     by_clock = [Finding("command_clock", text) for text in dict.fromkeys(item.sentence for item in partial)]
     resets = [item for item in candidates if item.usable and item.logged is not None]
     reset = [Finding("reference_reset", f"{item.name}: {item.remark}.") for item in resets]
+    texts = [f"{name} {level.sentence}" for name, level in listed.items() if level.source]
+    noisy = [Finding("noise", f"Measurement noise: {'; '.join(texts)}.")] if texts else []
     return PreparedFlight(
         log,
         Signals(1.0 / grid.step_s, channels, noise=noise, valid=usable, start_s=grid.start_s),
@@ -94,7 +96,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         active,
         usable,
         selected.rates_hz,
-        (*log.findings, *selected.findings, *by_clock, *reset, *noise_findings(listed)),
+        (*log.findings, *selected.findings, *by_clock, *reset, *noisy),
         grid,
         selected.measured,
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),

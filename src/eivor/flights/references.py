@@ -15,7 +15,7 @@ from eivor.flights.grid import Grid, Interpolant, Mask, Series, linear, on_grid
 from eivor.signals.channels import canonical_channel, family_members, roll_pitch_yaw, unit_of
 from eivor.signals.filters import lagged_between_stamps
 from eivor.signals.noise import LARGEST_STD
-from eivor.signals.recording import Channel, DataSheet, Finding, Recording
+from eivor.signals.recording import Channel, DataSheet, Recording
 from eivor.signals.signals import stretches
 from eivor.tools import Float
 
@@ -134,12 +134,6 @@ def check_declared(needed: Iterable[tuple[Mapping[str, NoiseLevel], Sequence[str
             f"Give it (--noise {first}=STD, a data sheet's --noise {first}=density:D,bandwidth:HZ,step:S, or "
             "a noise key in a channel map), or have it estimated: --noise estimate.",
         )
-
-
-def noise_findings(levels: Mapping[str, NoiseLevel]) -> list[Finding]:
-    """Findings about declared noises."""
-    texts = [f"{name} {level.sentence}" for name, level in levels.items() if level.source]
-    return [Finding("noise", f"Measurement noise: {'; '.join(texts)}.")] if texts else []
 
 
 def check_noise(noise: object) -> None:

@@ -8,6 +8,7 @@ from itertools import pairwise
 from math import copysign, frexp, inf, isfinite, isnan, ldexp, sqrt
 
 import numpy as np
+import scipy
 
 from eivor import checks
 from eivor.errors import ParameterError
@@ -185,8 +186,6 @@ def profile_interval(
     half_widths: float,
 ) -> tuple[float, float]:
     """Least and greatest value of a function over the ellipsoid of `half_widths` standard errors."""
-    from scipy.optimize import minimize
-
     L = principal_axes(covariance, half_widths)
     centre = function(values)
     slope = L.T @ gradient_of(function, values, half_widths * np.sqrt(np.diag(covariance)))
@@ -208,7 +207,7 @@ def profile_interval(
         candidates = list(starts)
         for start in starts:
             # Strictly inside, where the boundary is no obstacle to the first line search.
-            optimum = minimize(
+            optimum = scipy.optimize.minimize(
                 objective,
                 0.9 * start,
                 method="SLSQP",

@@ -106,15 +106,13 @@ def _from_blocks(blocks: Iterable[Block], kernel: Kernel, lags: int, span: float
 
 def _from_spectrum(scores: Float[np.ndarray, "samples n"], kernel: Kernel, span: float) -> Matrix:
     """All lags by FFT, padded so that they do not wrap around."""
-    from scipy import fft  # late: few ask for it
-
     if span <= 0.0:
         return scores.T @ scores
-    count, length = len(scores), fft.next_fast_len(2 * len(scores), real=True)
+    count, length = len(scores), scipy.fft.next_fast_len(2 * len(scores), real=True)
     lags = np.arange(length)
     weights = kernel.weights(np.minimum(lags, length - lags) / span)
-    spectrum = fft.rfft(scores, n=length, axis=0) * fft.rfft(weights)[:, None]
-    return scores.T @ fft.irfft(spectrum, n=length, axis=0)[:count]
+    spectrum = scipy.fft.rfft(scores, n=length, axis=0) * scipy.fft.rfft(weights)[:, None]
+    return scores.T @ scipy.fft.irfft(spectrum, n=length, axis=0)[:count]
 
 
 #: Andrews' (1991, his (6.2)) constants, and the exponent that goes with each: 1/(2q + 1).

@@ -150,8 +150,6 @@ def _searched(
     shape: RegionShape, span: Float[np.ndarray, "m n_plus_1"], start: Float[np.ndarray, " m"]
 ) -> tuple[Float[np.ndarray, " m"], float]:
     """Weights of the rows of `span` at which the statistic is least near a start, and its value there."""
-    from scipy.optimize import minimize
-
     moves = SEARCH_STEP * np.vstack([np.eye(start.size), -np.eye(start.size)])
 
     def value_and_slope(weights: Float[np.ndarray, " m"]) -> tuple[float, Float[np.ndarray, " m"]]:
@@ -159,9 +157,9 @@ def _searched(
         return float(values[0]), (values[1 : start.size + 1] - values[start.size + 1 :]) / (2.0 * SEARCH_STEP)
 
     options = {"maxiter": 60, "gtol": 1e-6}
-    solution = minimize(value_and_slope, start, jac=True, method="BFGS", options=options)
+    solution = scipy.optimize.minimize(value_and_slope, start, jac=True, method="BFGS", options=options)
     if 1.0 < solution.fun < KINK_SHARE:
-        solution = minimize(
+        solution = scipy.optimize.minimize(
             lambda weights: float(shape.excess((weights @ span)[None, :])[0]),
             solution.x,
             method="Nelder-Mead",

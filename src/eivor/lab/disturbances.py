@@ -8,6 +8,7 @@ from itertools import zip_longest
 from typing import Annotated
 
 import numpy as np
+import scipy
 
 from eivor.checks import finite, given, in_ranges, non_negative, positive, require
 from eivor.simulation import excitation
@@ -58,15 +59,13 @@ class Arma(excitation.Disturbance):
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation; the state before the record is drawn from its stationary distribution."""
-        from scipy.linalg import solve_discrete_lyapunov
-
         # Transition, input and stationary covariance of Harvey's form, whose first state is x.
         r = max(len(self.autoregression), len(self.moving_average) + 1)
         transition = np.eye(r, k=1)
         transition[: len(self.autoregression), 0] = self.autoregression
         shock = np.zeros(r)
         shock[: len(self.moving_average) + 1] = (1.0, *self.moving_average)
-        covariance = solve_discrete_lyapunov(transition, np.outer(shock, shock))
+        covariance = scipy.linalg.solve_discrete_lyapunov(transition, np.outer(shock, shock))
         eigenvalues, vectors = np.linalg.eigh(covariance)
         before = vectors @ (np.sqrt(np.maximum(eigenvalues, 0.0)) * rng.standard_normal(eigenvalues.size))
         shocks = rng.standard_normal(count)

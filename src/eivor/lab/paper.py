@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
+import scipy
 from threadpoolctl import threadpool_limits
 
 from eivor import checks
@@ -278,10 +279,8 @@ def integrated_height(velocity: Series, drive: Series, *, intersample: Intersamp
 
 def euler_steps(drive: Series) -> tuple[Series, Series]:
     """Motion from rest by Euler's steps: y[k] = -K v[k-1] + K_u u[k], v[k] = v[k-1] + T y[k]."""
-    from scipy.signal import lfilter
-
     K, K_u, T = TRUTH["viscous_friction"], TRUTH["input_gain"], 1.0 / RATE_HZ
-    velocity: Series = lfilter([T * K_u], [1.0, K * T - 1.0], drive)
+    velocity: Series = scipy.signal.lfilter([T * K_u], [1.0, K * T - 1.0], drive)
     return velocity, np.diff(velocity, prepend=0.0) / T
 
 

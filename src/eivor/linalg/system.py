@@ -45,10 +45,8 @@ def map_ahead(make: Callable[[Block], Result], blocks: Iterable[Block]) -> Itera
     if len(first) < THREADED_FROM:
         yield from map(make, first)
         return
-    from concurrent.futures import (
-        Future,
-        ThreadPoolExecutor,
-    )  # with what logs, which short records do without
+    # with what logs, which short records do without
+    from concurrent.futures import Future, ThreadPoolExecutor
 
     workers = os.cpu_count() or 1
     with ThreadPoolExecutor(workers) as pool:

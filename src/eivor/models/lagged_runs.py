@@ -176,15 +176,11 @@ class LagsAndDelays(Interpolation):
         return np.cos(np.pi * np.arange(self.lags) / (self.lags - 1))
 
     @cached_property
-    def _lags_s(self) -> Float[np.ndarray, " lags"]:
-        low, high = self.ends
-        return np.exp(0.5 * (low + high) + 0.5 * (high - low) * self._nodes)
-
-    @cached_property
     def points(self) -> list[dict[str, float]]:  # type: ignore[override]
         """The input itself at every delay but the longest, and every lag at the longest."""
-        *delays, longest = (self.step_s * np.arange(self.delays)).tolist()
-        pairs = [(NO_LAG_S, delay) for delay in delays] + [(lag, longest) for lag in self._lags_s.tolist()]
+        (low, high), (*delays, longest) = self.ends, (self.step_s * np.arange(self.delays)).tolist()
+        lags_s = np.exp(0.5 * (low + high) + 0.5 * (high - low) * self._nodes)
+        pairs = [(NO_LAG_S, delay) for delay in delays] + [(lag, longest) for lag in lags_s.tolist()]
         stage = {SECOND_STAGE.name: 0.0}
         return [{ACTUATOR_LAG.name: lag, DELAY.name: delay, **stage} for lag, delay in pairs]
 

@@ -12,6 +12,7 @@ from itertools import chain
 
 import msgspec
 import numpy as np
+import scipy
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
@@ -494,10 +495,8 @@ def _spline(
     step_s: float, series: Float[np.ndarray, " n"], times: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
     """Cubic spline through samples, at other times; constant after the end."""
-    from scipy.interpolate import CubicSpline
-
     time = step_s * np.arange(series.size)
-    return np.asarray(CubicSpline(time, series)(np.minimum(times, time[-1])))
+    return np.asarray(scipy.interpolate.CubicSpline(time, series)(np.minimum(times, time[-1])))
 
 
 # -- Files --

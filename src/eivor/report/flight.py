@@ -74,18 +74,15 @@ def result_card(results: Sequence[FlightEstimate]) -> Card:
         look: tuple(map(_line, chosen) if look in WITH_NUMBER else _missing_lines(chosen))
         for look, chosen in by_look.items()
     }
-    damaged = tuple(_damage_lines(results[0]))
+    logs = (flight.recording for flight in results[0].prepared)
+    damaged = [
+        CardLine(log.name, item.message) for log in logs for item in log.findings if item.name in DAMAGE
+    ]
+    damaged[-1:] = [replace(line, remark=LEFT_OUT) for line in damaged[-1:]]
     headed = [(look, HEADINGS[look], item) for look, item in lines.items()]
-    headed.append((Look.CONTRADICTED, "Damaged", damaged))
+    headed.append((Look.CONTRADICTED, "Damaged", tuple(damaged)))
     groups = tuple(CardGroup(*group) for group in headed if group[-1])
     return Card(*_title(by_look, damaged=bool(damaged)), groups)
-
-
-def _damage_lines(result: FlightEstimate) -> list[CardLine]:
-    """A line for each damage of a log; the last says what to do."""
-    logs = (flight.recording for flight in result.prepared)
-    lines = [CardLine(log.name, item.message) for log in logs for item in log.findings if item.name in DAMAGE]
-    return [*lines[:-1], *(replace(line, remark=LEFT_OUT) for line in lines[-1:])]
 
 
 def card_entries(results: Sequence[FlightEstimate]) -> list[CardEntry]:

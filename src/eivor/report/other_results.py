@@ -15,7 +15,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
-from eivor.estimation.recursive import HELD, LARGEST_SHARE, Moment
+from eivor.estimation.recursive import HELD, LARGEST_SHARE
 from eivor.flights.result import FlightEstimate
 from eivor.flights.track import Track, relative_change
 from eivor.planning.plan import SECONDS, FlightPlan, MachinePlan, make_plan, plan_machine
@@ -191,12 +191,6 @@ def untold(track: Track) -> Iterator[str]:
         yield f"{ends}: {why}."
 
 
-def _table_moments(track: Track) -> list[Moment]:
-    step = max(1, -(-len(track.moments) // ROWS))
-    numbered = enumerate(track.moments, start=1)
-    return [moment for number, moment in numbered if moment.change or number % step == 0]
-
-
 def _table(track: Track) -> doc.TableOf:
     wording = track.result.motion.quantities[track.name]
     columns = (
@@ -207,8 +201,10 @@ def _table(track: Track) -> doc.TableOf:
         doc.TableColumn("", below=doc.Tone.WARNING),
     )
     first = track.precise_moments[0].value if track.precise_moments else None
-    rows = []
-    for moment in _table_moments(track):
+    rows, step = [], max(1, -(-len(track.moments) // ROWS))
+    for number, moment in enumerate(track.moments, start=1):
+        if not moment.change and number % step:
+            continue
         value, interval = doc.NO_NUMBER, doc.NO_NUMBER
         if moment.is_precise:
             scaled = wording.scale * moment.value, wording.scale * moment.half_width

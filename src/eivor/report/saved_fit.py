@@ -16,7 +16,7 @@ from eivor import checks
 from eivor.errors import EstimationError, InputError, NotIdentifiedError, UsageError
 from eivor.exports.fitted import Exported, Fitted, Supplied, accepted_verdicts, known_number
 from eivor.exports.models import StateSpace, state_space
-from eivor.exports.simulators import randomisation_by_name, target_by_name
+from eivor.exports.simulators import RANDOMISATIONS, target_by_name
 from eivor.flights.motion import Motion
 from eivor.flights.quantity import Quantity
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate, joint_draws
@@ -256,7 +256,8 @@ class SavedFit:
         fitted = replace(self.fitted, accepted=accepted_verdicts(accept))
         if draws is None:
             return target_by_name(to).export(fitted, supplied)
-        return randomisation_by_name(to)(fitted, supplied, self.sample(draws, seed), seed)
+        checks.index_of("draws", to, RANDOMISATIONS, "Name one of them, or none for a table.")
+        return RANDOMISATIONS[to](fitted, supplied, self.sample(draws, seed), seed)
 
     @property
     def motion(self) -> Motion[Any]:

@@ -10,6 +10,7 @@ from typing import Any, cast
 
 import msgspec
 import numpy as np
+import scipy
 
 from eivor import checks
 from eivor.errors import NonFiniteError, ParameterError, ShapeError, TooFewSamplesError
@@ -242,10 +243,8 @@ class AutoregressiveNoise(MeasurementNoise):
         return np.asarray(self.innovation_std * self.coefficient ** np.arange(count))
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        from scipy.signal import lfilter
-
         return np.asarray(
-            lfilter([self.innovation_std], [1.0, -self.coefficient], rng.standard_normal(count))
+            scipy.signal.lfilter([self.innovation_std], [1.0, -self.coefficient], rng.standard_normal(count))
         )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
+import scipy
 
 from eivor import checks
 from eivor.errors import ParameterError
@@ -325,10 +326,9 @@ class Sensor:
         delay = round(self.delay_s / step_s)
         filtered = raw
         if self.cutoff_hz:
-            from scipy.signal import lfilter, lfilter_zi
-
             b, a = map(np.array, self.low_pass(step_s))
-            filtered = lfilter(b, a, raw, axis=0, zi=np.outer(lfilter_zi(b, a), raw[0]))[0]
+            before = np.outer(scipy.signal.lfilter_zi(b, a), raw[0])
+            filtered = scipy.signal.lfilter(b, a, raw, axis=0, zi=before)[0]
         rows = np.maximum(np.arange(raw.shape[0]) - delay, 0)
         return filtered[rows]
 
@@ -336,13 +336,11 @@ class Sensor:
         """Numerator and denominator of the filter at a rate; of no filter a gain of one."""
         if not self.cutoff_hz:
             return (1.0, 0.0, 0.0), (1.0, 0.0, 0.0)
-        from scipy.signal import butter
-
         if not self.cutoff_hz < 0.5 / step_s:
             expected = "a filter whose cut-off lies below half the simulation's rate"
             received = f"{self.cutoff_hz:g} Hz at {1.0 / step_s:g} Hz"
             raise ParameterError(expected, received, "Lower it, or raise the rate.")
-        b, a = butter(2, self.cutoff_hz, fs=1.0 / step_s)
+        b, a = scipy.signal.butter(2, self.cutoff_hz, fs=1.0 / step_s)
         return tuple(b.tolist()), tuple(a.tolist())
 
     def rows(self, count: int, step_s: float) -> Int[np.ndarray, " rows"]:

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from typing import Annotated, Generic, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
+import scipy
 
 from eivor import checks
 from eivor.signals.channels import held_by_default, unit_of
@@ -120,11 +121,9 @@ def altitude_reference(
     kind: TrajectoryKind, *, count: int, step_s: float, rng: np.random.Generator, vigour: float = 1.0
 ) -> Trajectory:
     """Shape of the kind, scaled so that speed and acceleration reach the smaller of their limits."""
-    from scipy.interpolate import make_interp_spline
-
     time = step_s * np.arange(count)
     position = _SHAPES[kind](time, step_s, rng)
-    spline = make_interp_spline(time, position, k=5)
+    spline = scipy.interpolate.make_interp_spline(time, position, k=5)
     velocity, acceleration = spline(time, 1), spline(time, 2)
     top_speed, top_acceleration = float(np.abs(velocity).max()), float(np.abs(acceleration).max())
     limits = rng.uniform(*SPEED_RANGE), rng.uniform(*ACCELERATION_RANGE)
@@ -157,13 +156,11 @@ def _smoothed_levels(
     rng: np.random.Generator,
 ) -> Series:
     """Steps to levels at their starts, from zero, through four equal first-order lags."""
-    from scipy.signal import lfilter
-
     decay = np.exp(-step_s / rng.uniform(0.25, 0.45))
     levels[0] = 0.0
     series: Series = levels[np.searchsorted(starts, time, side="right")]
     for _ in range(4):
-        series = lfilter([1.0 - decay], [1.0, -decay], series)
+        series = scipy.signal.lfilter([1.0 - decay], [1.0, -decay], series)
     return series
 
 
@@ -244,9 +241,7 @@ def gusts(
     *, count: int, axes: int, step_s: float, rms: float, correlation_s: float, rng: np.random.Generator
 ) -> Float[np.ndarray, "count axes"]:
     """Independent wind on each axis, sampled exactly and meant to be held over a step."""
-    from scipy.signal import lfilter
-
     shocks = rng.standard_normal((count, axes))
     decay = np.exp(-step_s / correlation_s)
     shocks[1:] *= np.sqrt(1.0 - decay**2)
-    return np.asarray(rms * lfilter([1.0], [1.0, -decay], shocks, axis=0))
+    return np.asarray(rms * scipy.signal.lfilter([1.0], [1.0, -decay], shocks, axis=0))

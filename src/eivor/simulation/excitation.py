@@ -253,9 +253,7 @@ class PseudoRandomBinary(Excitation):
 
 def maximal_sequence(register: int) -> Float[np.ndarray, " period"]:
     """One period of the maximal binary sequence of plus and minus one. Performs no checks."""
-    from scipy.signal import max_len_seq
-
-    return 2.0 * max_len_seq(register, taps=_TAPS[register])[0] - 1.0
+    return 2.0 * scipy.signal.max_len_seq(register, taps=_TAPS[register])[0] - 1.0
 
 
 class Disturbance(Excitation):
@@ -305,12 +303,10 @@ class DrydenGust(Disturbance):
     airspeed_mps: Positive  # Speed at which it is met [m/s]
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        from scipy.special import gammainc
-
         x = step_s * self.airspeed_mps / self.length_m
         shocks = rng.standard_normal((2, count))
         # Covariance of the increments of (p, q) in a step: incomplete gamma functions, exact for small steps.
-        covariance = np.array([0.5, 0.25, 0.25]) * gammainc([1.0, 2.0, 3.0], 2.0 * x)
+        covariance = np.array([0.5, 0.25, 0.25]) * scipy.special.gammainc([1.0, 2.0, 3.0], 2.0 * x)
         std = np.sqrt(covariance[0])
         cross = covariance[1] / std
         remainder = np.sqrt(max(covariance[2] - cross**2, 0.0))

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
+import scipy
 
 from eivor.atomic_file import atomic_write
 from eivor.errors import (
@@ -386,15 +387,13 @@ try:
 
 def open_matlab(file: Path, max_bytes: int) -> delimited.TableSource:
     """Read the variables of a MATLAB file."""
-    from scipy.io import loadmat, whosmat
-
     most = common.most_cells(file.stat().st_size, max_bytes)
     limit = DECODER_BYTES + BYTES_PER_CELL * most
     decode_in_child(file, _MATLAB_CODE, {"kinds": _MATLAB_KINDS, "most": most}, limit, "a MATLAB file")
     try:
-        known = [item for item in whosmat(file) if item[2] in _MATLAB_KINDS]
+        known = [item for item in scipy.io.whosmat(file) if item[2] in _MATLAB_KINDS]
         _check_cells(file, sum(math.prod(shape) for _, shape, _ in known), max_bytes)
-        content = loadmat(file, squeeze_me=True, variable_names=[name for name, *_ in known])
+        content = scipy.io.loadmat(file, squeeze_me=True, variable_names=[name for name, *_ in known])
     except common.DECODER_ERRORS as error:
         reason = f"a MATLAB file that cannot be decoded: {error}"
         raise delimited.corrupt_table(file.name, reason, "The file is damaged; save it again.") from error

@@ -6,6 +6,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
+import scipy
 
 from eivor.errors import EstimationError
 from eivor.estimation.estimate import Estimate
@@ -263,9 +264,7 @@ def _response_of_run(
 
 def _integrated(force: Float[np.ndarray, " n"], friction: float, step_s: float) -> Float[np.ndarray, " n"]:
     """Velocity under a force that is linear between samples, from rest; exact to second order of the step."""
-    from scipy.signal import lfilter
-
     decay = np.exp(-friction * step_s)
     increments = np.zeros(force.size)
     increments[1:] = 0.5 * step_s * (decay * force[:-1] + force[1:])
-    return np.asarray(lfilter([1.0], [1.0, -decay], increments))
+    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -decay], increments))
