@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import dataclass
-from itertools import zip_longest
 from typing import Annotated
 
 import numpy as np
@@ -345,33 +344,12 @@ class Garch(excitation.Disturbance):
         require(total < 1.0, expected, f"{total:.4g}", "Make one of them smaller.")
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        white = rng.standard_normal(count)
-        series = np.sqrt(self._variances(white**2)) * white
-        limit = self.largest_square
-        # Below the limit h is linear in its past, given w; else it has to be followed step by step.
-        if limit is not None and float(np.max(series**2, initial=self._unlimited)) > limit:
-            return self._limited(white, limit)
-        return series
-
-    @property
-    def _unlimited(self) -> float:
-        return self.floor / (1.0 - (sum(self.shocks) + sum(self.persistence)))
-
-    def _variances(self, white_squares: Float[np.ndarray, " count"]) -> Float[np.ndarray, " count"]:
-        """Variances by a linear recursion, h[k] = floor + sum_i (a_i w[k-i]^2 + b_i) h[k-i]."""
-        count, both = white_squares.size, list(zip_longest(self.shocks, self.persistence, fillvalue=0.0))
-        coefficients = np.zeros((count, len(both)))
-        driven = np.full(count, self.floor)
-        for i, (a, b) in enumerate(both, start=1):
-            coefficients[i:, i - 1] = a * white_squares[: max(count - i, 0)] + b
-            driven[:i] += (a + b) * self._unlimited
-        return excitation.autoregression(driven, coefficients)
-
-    def _limited(self, white: Float[np.ndarray, " count"], limit: float) -> Float[np.ndarray, " count"]:
-        squares = [min(self._unlimited, limit)] * len(self.shocks)
-        variances = [self._unlimited] * len(self.persistence)
+        limit = np.inf if self.largest_square is None else self.largest_square
+        mean = self.floor / (1.0 - (sum(self.shocks) + sum(self.persistence)))
+        squares = [min(mean, limit)] * len(self.shocks)
+        variances = [mean] * len(self.persistence)
         series = []
-        for w in white.tolist():
+        for w in rng.standard_normal(count).tolist():
             h = self.floor
             h += sum(a * square for a, square in zip(self.shocks, reversed(squares), strict=False))
             h += sum(b * past for b, past in zip(self.persistence, reversed(variances), strict=False))

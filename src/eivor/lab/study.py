@@ -24,7 +24,6 @@ from eivor import atomic_file, checks
 from eivor.errors import EivorError, InputError, UsageError
 from eivor.estimation import methods
 from eivor.estimation.linear import SAME_COLUMN, LinearMethod, Method
-from eivor.estimation.methods import identify
 from eivor.estimation.weighting import EquationWeighting
 from eivor.inference import covariance as covariances
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
@@ -274,7 +273,7 @@ def _estimate(study: Study, choice: MethodChoice, signals: Signals) -> Row:
     """Status and estimates of a method on a record."""
     if choice.known_noise is not None:
         signals = replace(signals, noise={name: signals.noise[name] for name in choice.known_noise})
-    estimate = identify(study.experiment.problem(signals, choice.instruments), choice.method)
+    estimate = methods.identify(study.experiment.problem(signals, choice.instruments), choice.method)
     estimate = replace(estimate, doubts=None)  # Periods would cost each trial as much again
     if study.intervals and choice.covariance != "default":
         estimate = estimate.with_covariance(covariances.TABLE[choice.covariance]())

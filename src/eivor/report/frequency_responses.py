@@ -25,7 +25,6 @@ from eivor.motions.rates.motion import AXES, BAND_SHARE, Rates
 from eivor.motions.table import motion_by_name
 from eivor.report import figure_panels as plots
 from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, section, table
-from eivor.report.figure_panels import Axes, Figure
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Recording
 from eivor.tools import Complex, Float, printable
@@ -439,7 +438,7 @@ def _axis_json(item: LogResponse) -> dict[str, object]:
     }
 
 
-def response_figure(results: Sequence[LogResponse]) -> Figure:
+def response_figure(results: Sequence[LogResponse]) -> plots.Figure:
     """Bode plot with bands and models, coherences, and loops on a Nichols chart; a column for each axis."""
     figure = plots.page(
         max(5.2 * len(results), 7.0), 11.0, f"{printable(results[0].name)}: frequency responses"
@@ -506,7 +505,7 @@ def _curves(item: LogResponse) -> Iterator[Curves]:
     yield Curves("coherence", "", coherences)
 
 
-def _draw_curves(axes: Axes, response: FrequencyResponse, curves: Curves) -> None:
+def _draw_curves(axes: plots.Axes, response: FrequencyResponse, curves: Curves) -> None:
     f, shares = response.frequency_hz, ((0.12, "all together"), (0.3, "each"))
     for band, (alpha, words) in zip(curves.bands, shares, strict=False):
         label = f"{response.level:.0%} {words}"
@@ -555,7 +554,7 @@ def _decibels(response: Any) -> Any:
     return 20.0 * np.log10(np.maximum(np.abs(response), 1e-12))
 
 
-def _draw_nichols(axes: Axes, item: LogResponse) -> None:
+def _draw_nichols(axes: plots.Axes, item: LogResponse) -> None:
     """Broken loops by phase and magnitude: as flown where the log has it, and with the proposals."""
     f = np.geomspace(0.1, 20.0, 300)
     if item.loop is not None and item.loop.is_shown.any():

@@ -27,7 +27,6 @@ from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
 from eivor.report import document as doc
 from eivor.report import figure_panels as plots
-from eivor.report.figure_panels import Axes, Figure
 from eivor.report.figures import prediction_page, prediction_panels
 from eivor.report.flight import prediction_parts, prediction_rows
 from eivor.report.json_document import JsonPrediction, document, json_text, prediction_json
@@ -231,7 +230,7 @@ class Validation:
             )
         )
 
-    def plot(self) -> Figure:
+    def plot(self) -> plots.Figure:
         """Figure: for each prediction what was measured and predicted, and below it what is left."""
         multi_step = self.multi_step_prediction
         panels: plots.Panels = {} if multi_step is None else prediction_panels(multi_step)
@@ -466,7 +465,7 @@ def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> doc.TableO
 VALIDATION_COLOURS = (plots.RED, plots.BLUE, plots.GREY, "#8a6d3b")
 
 
-def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
+def _draw_predicted(ax: plots.Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
     time, series = _shown_part(validation, models[0])
     first = models[0]
     ax.plot(time, first.measured[series], color=plots.DARK, lw=1.2, label="measured")
@@ -481,7 +480,7 @@ def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPredict
     plots.legend(ax, location="upper right")
 
 
-def _draw_residual(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
+def _draw_residual(ax: plots.Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
     time, series = _shown_part(validation, models[0])
     residuals = [(model.measured - model.predicted)[series] for model in models]
     for values, colour in zip(residuals, VALIDATION_COLOURS, strict=False):

@@ -16,7 +16,6 @@ from eivor.errors import CorruptLogError, EmptyLogError, InputError, UnknownForm
 from eivor.logs import common
 from eivor.logs.table.delimited import open_csv
 from eivor.logs.ulog import channels as px4
-from eivor.logs.ulog.channels import read_topics, unknown_filters
 from eivor.signals.recording import Finding, Frame, Recording
 
 # -- CSV names --
@@ -68,11 +67,11 @@ def read_csv_folder(folder: Path, _options: common.ReadOptions) -> Recording:
     every = (_topic(folder / table[0], table[2], int(table[3]), findings) for table in tables)
     topics = px4.chosen_topics(filter(None, every), findings)
     start = min((int(topic.fields["timestamp"].min()) for topic in topics.values()), default=0)
-    channels = read_topics(topics, np.uint64(start), {}, findings)
+    channels = px4.read_topics(topics, np.uint64(start), {}, findings)
     if not channels:
         remedy = "Convert the ULog again."
         raise EmptyLogError("tables with flight data", f"'{folder.name}' without a value", remedy)
-    findings += unknown_filters(channels.values(), "These tables hold")
+    findings += px4.unknown_filters(channels.values(), "These tables hold")
     return Recording(
         name=folder.name,
         format="ulog2csv",
@@ -393,7 +392,7 @@ def read_ulog(file: Path, _options: common.ReadOptions) -> Recording:
     topics = px4.chosen_topics(logged, findings)
     clocks = {name: topics.pop(name) for name in px4.CLOCKS if name in topics}
     start = np.uint64(content.start_us)
-    channels = read_topics(topics, start, parameters, findings)
+    channels = px4.read_topics(topics, start, parameters, findings)
     if not channels:
         expected = "a ULog with flight data, such as vehicle_local_position and actuator_outputs"
         remedy = "Check that logging was on during the flight, and the logging profile (SDLOG_PROFILE)."

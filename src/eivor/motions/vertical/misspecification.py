@@ -87,12 +87,13 @@ def _term_bins(
     by_time = any(regression.voltage(flight) is None for flight in flights)  # one coefficient has one meaning
     for item, flight in zip(columns, flights, strict=True):
         mapped, height = item.moving(estimate.nuisances)[:, 0], regression.height_over_ground(flight)[0]
-        volts, mean = (
-            _share_of_time(flight) if by_time else regression.voltage(flight),
-            float(mapped[flight.used].mean()),
-        )
-        deviation = volts if by_time or volts is None else volts / float(volts[flight.used].mean()) - 1.0
-        time = flight.grid.time_s - float(np.mean(flight.span_s))
+        volts, mean = regression.voltage(flight), float(mapped[flight.used].mean())
+        time, (first, last) = flight.grid.time_s, flight.grid.time_s[flight.used][[0, -1]]
+        if by_time or volts is None:  # from half before to half after the middle of what is used
+            deviation = (time - first) / (last - first) - 0.5
+        else:
+            deviation = volts / float(volts[flight.used].mean()) - 1.0
+        time = time - float(np.mean(flight.span_s))
         known = {"velocity_z": -item.fixed[:, 0], MAPPED: mapped, RADII: height}
         known |= {VOLTAGE_SHARE: deviation, "time": time}
         known["mean"] = np.full(1, mean) if mean else None
@@ -105,13 +106,6 @@ def _term_bins(
         for name, (channel, column) in _TERMS.items()
         if name not in added and all(channel in row for row in measured)
     }
-
-
-def _share_of_time(flight: PreparedFlight) -> Float[np.ndarray, " n"]:
-    """Time from half before to half after the middle of what is used."""
-    used, time = np.flatnonzero(flight.used), flight.grid.time_s
-    share: Float[np.ndarray, " n"] = (time - time[used[0]]) / (time[used[-1]] - time[used[0]]) - 0.5
-    return share
 
 
 def _linear(problem: VerticalFlights, estimate: Estimate) -> SpectralRegression:
