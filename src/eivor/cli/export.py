@@ -34,61 +34,17 @@ FOLDER_FILES = (PAGE, *NAMES.values())
 @cli.guarded
 def export(
     fit: cli.FitArgument,
-    file: Annotated[str, cli.argument("FILE", "Where to, as -o."), cli.Writes(FOLDER_FILES)] = "",
+    file: Annotated[str, cli.option("export file"), cli.Writes(FOLDER_FILES)] = "",
     *,
-    to: Annotated[
-        str, cli.option("TARGET", "What for: see Targets below.", values=(*TARGETS, *RANDOMISATIONS, ALL))
-    ] = "",
+    to: Annotated[str, cli.option("export to", (*TARGETS, *RANDOMISATIONS, ALL))] = "",
     model: cli.FitModelOption = "",
-    draws: Annotated[
-        int | None,
-        cli.option(
-            "N",
-            "N joint draws of the identified parameters: without --to as Parquet, else as the "
-            "simulator's randomisation (rotorpy, mujoco, isaaclab).",
-        ),
-    ] = None,
-    seed: Annotated[int, cli.option("SEED", "Of the draws.")] = 0,
-    mass: Annotated[
-        str,
-        cli.option(
-            "KG[:STD]",
-            "Mass with all on board and its standard deviation, such as 1.53:0.02; for simulators and "
-            "draws. Without it that of the vehicle.",
-        ),
-    ] = "",
-    prior: Annotated[
-        list[str],
-        cli.option(
-            "NAME=VALUE[:STD]",
-            "What is known of a quantity that the flight does not identify; several times for several.",
-        ),
-    ] = NO_TEXTS,
-    vehicle: Annotated[
-        str,
-        cli.option(
-            "FILE.toml",
-            "Where the rotors are, for simulators: a vehicle file, or the name of a shipped one. "
-            "Without it that of the result, when it has one.",
-            values_of="eivor.motions.rigid_body.vehicle:shipped_vehicles",
-        ),
-        cli.Reads(),
-    ] = "",
-    accept: Annotated[
-        str,
-        cli.option(
-            "VERDICT",
-            "Write weak numbers too, or provisional ones as well; each has its verdict beside it.",
-            values=ACCEPTABLE_WORDS,
-        ),
-    ] = "identified",
-    output: Annotated[
-        str,
-        cli.option(
-            "FILE", "Where to; without it on standard output. Of --to all a folder.", "-o", "--output"
-        ),
-        cli.Writes(FOLDER_FILES),
-    ] = cli.STANDARD_OUTPUT,
+    draws: Annotated[int | None, cli.option("export draws")] = None,
+    seed: Annotated[int, cli.option("export seed")] = 0,
+    mass: Annotated[str, cli.option("export mass")] = "",
+    prior: Annotated[list[str], cli.option("export prior")] = NO_TEXTS,
+    vehicle: Annotated[str, cli.option("export vehicle"), cli.Reads()] = "",
+    accept: Annotated[str, cli.option("export accept", ACCEPTABLE_WORDS)] = "identified",
+    output: Annotated[str, cli.option("export output"), cli.Writes(FOLDER_FILES)] = cli.STANDARD_OUTPUT,
 ) -> cli.ExitCode:
     """Write a result's numbers where they are used, with intervals; only what is identified."""
     output = _destination(to, draws, file, output)

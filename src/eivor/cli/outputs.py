@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from enum import IntEnum
 from fnmatch import fnmatchcase
-from functools import partial, wraps
+from functools import wraps
 from glob import escape
 from itertools import combinations
 from pathlib import Path
@@ -77,33 +77,20 @@ class Writes(msgspec.Struct, frozen=True):
     default: Callable[[Mapping[str, Any]], str] = lambda _values: ""
 
 
-def option(
-    metavar: str,
-    about: str,
-    *names: str,
-    panel: str | None = None,
-    values: Sequence[str] = (),
-    values_of: str = "",
-) -> Any:
-    """An option with a value; its help shows what to type, under a heading, and a shell completes values."""
-    return typer.Option(
-        *names,
-        metavar=metavar,
-        help=about,
-        show_default=False,  # `ReadableCommand` shows those that say something
-        rich_help_panel=panel,
-        autocompletion=completion(values, values_of) if values or values_of else None,
-    )
+#: Words of the options; see the file.
+OPTIONS = package_tables("eivor.cli", "options.toml")
 
 
-def argument(metavar: str, about: str, values_of: str = "") -> Any:
-    """What is typed without a name; its help does not show what it is by default."""
-    complete = completion(values_of=values_of) if values_of else None
-    return typer.Argument(metavar=metavar, help=about, show_default=False, autocompletion=complete)
-
-
-def completion(values: Sequence[str] = (), values_of: str = "") -> Callable[[str], list[str]]:
-    """Words that a shell completes, also after a comma: these, and those of a name that is loaded then."""
+def option(name: str, known: Sequence[str] = ()) -> Any:
+    """What is typed for a parameter of a command; a shell completes its values, also after a comma."""
+    command, _, parameter = name.rpartition(" ")
+    row = OPTIONS[command][parameter]
+    values, values_of = known or row.get("values", ()), row.get("values_of", "")
+    settings: dict[str, Any] = {
+        "metavar": row.get("metavar", ""),
+        "help": row["about"].replace("{values}", ", ".join(values)),
+        "rich_help_panel": MORE if row.get("rare") else None,
+    }
 
     def complete(incomplete: str) -> list[str]:
         loaded = resolve_name(values_of) if values_of else ()
@@ -111,16 +98,14 @@ def completion(values: Sequence[str] = (), values_of: str = "") -> Callable[[str
         prefix, comma, last = incomplete.rpartition(",")
         return [f"{prefix}{comma}{value}" for value in words if value.startswith(last)]
 
-    return complete
-
-
-def flag(name: str, about: str, panel: str | None = None) -> Any:
-    """A switch."""
-    return typer.Option(name, metavar="", help=about, rich_help_panel=panel)
-
-
-#: Those that few people need.
-rare_option, rare_flag = partial(option, panel=MORE), partial(flag, panel=MORE)
+    if "flag" in row:
+        return typer.Option(row["flag"], **settings)
+    # `ReadableCommand` shows the defaults that say something
+    settings |= {"show_default": row.get("show_default", False)}
+    settings |= {"autocompletion": complete if values or values_of else None}
+    if "argument" in row:
+        return typer.Argument(**settings)
+    return typer.Option(*row.get("names", ()), **settings)
 
 
 def group(name: str, about: str) -> typer.Typer:
@@ -128,44 +113,13 @@ def group(name: str, about: str) -> typer.Typer:
     return typer.Typer(name=name, help=about, no_args_is_help=True, add_completion=False)
 
 
-WorkersOption = Annotated[int | None, option("N", "Processes of this computer; default: one for each core.")]
-ModelOption = Annotated[
-    str,
-    option(
-        "NAME",
-        "What to identify: vertical, rates, rigid-body, or a motion that another package brings.",
-        values_of="eivor.motions.table:motion_names",
-    ),
-]
-VehicleOption = Annotated[
-    str,
-    option(
-        "FILE|NAME",
-        "What flies, for the rigid body: a vehicle file, or a shipped one (eivor vehicle list). The "
-        "vertical motion takes the radius of its rotors, where the file has it.",
-        values_of="eivor.motions.rigid_body.vehicle:shipped_vehicles",
-    ),
-    Reads(),
-]
-MachineOption = Annotated[
-    str,
-    rare_option(
-        "FILE|NAME",
-        "A machine in place of --model: a declaration, or a shipped one (eivor machine list).",
-        values_of="eivor.motions.declaration:shipped_machines",
-    ),
-    Reads(),
-]
-FitArgument = Annotated[Path, argument("FIT.json", "A result: eivor identify LOG --json FIT.json."), Reads()]
-FitModelOption = Annotated[
-    str,
-    option(
-        "NAME",
-        "Motion of the result, where it has several that serve.",
-        values_of="eivor.motions.table:motion_names",
-    ),
-]
-JsonOption = Annotated[str, option("FILE|-", "Write JSON; - prints it instead of the table."), Writes()]
+WorkersOption = Annotated[int | None, option("all workers")]
+ModelOption = Annotated[str, option("all model")]
+VehicleOption = Annotated[str, option("all vehicle"), Reads()]
+MachineOption = Annotated[str, option("all machine"), Reads()]
+FitArgument = Annotated[Path, option("all fit"), Reads()]
+FitModelOption = Annotated[str, option("all fit_model")]
+JsonOption = Annotated[str, option("all json"), Writes()]
 
 
 def with_options(

@@ -117,9 +117,7 @@ def list_logs() -> None:
 
 @cli.command(example)
 def fetch(
-    name: Annotated[
-        str, cli.argument("NAME", "A name out of eivor example list.", "eivor.cli.tools:public_logs")
-    ],
+    name: Annotated[str, cli.option("example fetch name")],
 ) -> None:
     """Download a public real log, check it, and print its path. A second time it works without a network.
 
@@ -146,17 +144,10 @@ def fetch(
     ),
 )
 def inspect(
-    log: Annotated[
-        str,
-        cli.argument("LOG", "One log, as of eivor identify; LOG@START:END takes a window."),
-        cli.Reads(cli.log_paths),
-    ] = "",
+    log: Annotated[str, cli.option("inspect log"), cli.Reads(cli.log_paths)] = "",
     *,
     json: cli.JsonOption = "",
-    calibration: Annotated[
-        bool,
-        cli.flag("--calibration", "List what kinematics says of the sensors: clocks, scales, biases, axes."),
-    ] = False,
+    calibration: Annotated[bool, cli.option("inspect calibration")] = False,
     **given: Any,
 ) -> None:
     """List what a log holds: channels, flight, references; and what identify would say."""
@@ -176,61 +167,26 @@ def inspect(
 
 @cli.guarded
 def plan(
-    source: Annotated[
-        str,
-        cli.argument(
-            "[FIT.json]",
-            "A result (eivor identify LOG --json FIT.json), refused ones included. Without it the options "
-            "below have a vehicle's rough numbers.",
-        ),
-        cli.Reads(),
-    ] = "",
+    source: Annotated[str, cli.option("plan source"), cli.Reads()] = "",
     *,
-    for_what: Annotated[
-        str,
-        cli.option(
-            "NAME",
-            "friction, gain or lag (default: what the result could not identify); of a machine a parameter "
-            "(default: all together).",
-            "--for",
-            values_of="eivor.planning.plan:TARGETS",
-        ),
-    ] = "",
-    hover: Annotated[float | None, cli.rare_option("SHARE", "Input at hover, of full input (0.5).")] = None,
-    friction: Annotated[float | None, cli.rare_option("1/S", "A guess of the friction (0.3).")] = None,
-    lag: Annotated[float | None, cli.rare_option("MS", "A guess of lag and delay together (50).")] = None,
-    gusts: Annotated[
-        float | None, cli.rare_option("M/S", "Vertical gusts, standard deviation (0.3).")
-    ] = None,
-    height: Annotated[str, cli.option("LOW:HIGH", "Heights above take-off [m].")] = "3:8",
-    speed: Annotated[float, cli.option("M/S", "Largest climb and sink rate.")] = 2.0,
-    acceleration: Annotated[float, cli.rare_option("M/S2", "Largest acceleration of the setpoint.")] = 3.0,
-    tilt: Annotated[float, cli.rare_option("DEG", "Tilt beyond which the flight ends.")] = 20.0,
-    limit: Annotated[
-        list[str],
-        cli.option(
-            "NAME=SIZE[:RATE[:ACCELERATION]]",
-            "Of a machine: how far a channel goes from its mean in the log, and how fast (default: "
-            "references and inputs as in the log); several times for several.",
-        ),
-    ] = NO_TEXTS,
-    time: Annotated[float, cli.option("S", "Length of the flight.")] = 60.0,
-    shape: Annotated[
-        str,
-        cli.option(
-            "KIND",
-            "multisine or steps (default: the better one; of a machine multisine).",
-            values_of="eivor.planning.vehicle:KINDS",
-        ),
-    ] = "",
-    seed: Annotated[int, cli.rare_option("N", "Of phases, step heights and wind.")] = 0,
-    csv: Annotated[str, cli.option("FILE", "Write the setpoints as a table."), cli.Writes()] = "",
-    mavsdk: Annotated[str, cli.option("FILE.py", "Write a MAVSDK program that flies it."), cli.Writes()] = "",
-    qgc: Annotated[
-        str, cli.option("FILE.plan", "Write a QGroundControl plan; steps only."), cli.Writes()
-    ] = "",
-    home: Annotated[str, cli.rare_option("LAT,LON", "Place of the QGroundControl plan [deg].")] = "",
-    rotorpy: Annotated[str, cli.rare_option("FILE.py", "Write a trajectory of RotorPy."), cli.Writes()] = "",
+    for_what: Annotated[str, cli.option("plan for_what")] = "",
+    hover: Annotated[float | None, cli.option("plan hover")] = None,
+    friction: Annotated[float | None, cli.option("plan friction")] = None,
+    lag: Annotated[float | None, cli.option("plan lag")] = None,
+    gusts: Annotated[float | None, cli.option("plan gusts")] = None,
+    height: Annotated[str, cli.option("plan height")] = "3:8",
+    speed: Annotated[float, cli.option("plan speed")] = 2.0,
+    acceleration: Annotated[float, cli.option("plan acceleration")] = 3.0,
+    tilt: Annotated[float, cli.option("plan tilt")] = 20.0,
+    limit: Annotated[list[str], cli.option("plan limit")] = NO_TEXTS,
+    time: Annotated[float, cli.option("plan time")] = 60.0,
+    shape: Annotated[str, cli.option("plan shape")] = "",
+    seed: Annotated[int, cli.option("plan seed")] = 0,
+    csv: Annotated[str, cli.option("plan csv"), cli.Writes()] = "",
+    mavsdk: Annotated[str, cli.option("plan mavsdk"), cli.Writes()] = "",
+    qgc: Annotated[str, cli.option("plan qgc"), cli.Writes()] = "",
+    home: Annotated[str, cli.option("plan home")] = "",
+    rotorpy: Annotated[str, cli.option("plan rotorpy"), cli.Writes()] = "",
     json: cli.JsonOption = "",
 ) -> cli.ExitCode:
     """Plan the flight that would identify what another one could not, and say how well it will."""
@@ -291,7 +247,7 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
     return Path(source) if source else VehicleGuess(**numbers)
 
 
-NEW_FILE = cli.argument("[FILE.toml]", "Where to; without it, it is printed.")
+NEW_FILE = cli.option("all new_file")
 
 
 def _shipped_group(
@@ -301,17 +257,15 @@ def _shipped_group(
     rows: Callable[[], Iterable[tuple[str, ...]]],
     load: Callable[[str], object],
     text: Callable[[str], str],
-    names: str,
 ) -> typer.Typer:
-    app = cli.group(noun, about)
-    name_or_file = cli.argument("NAME|FILE.toml", "A name out of the list, or a file.", names)
+    app, shown = cli.group(noun, about), cli.option(f"{noun} show")
 
     @cli.command(app, "list", f"List the {noun}s that come with Eivor.")
     def list_shipped() -> None:
         cli.show_table(titles, rows())
 
     @cli.command(app, about=f"Check a {noun}'s file, and print it.")
-    def show(file: Annotated[str, cli.Reads()] = name_or_file) -> None:
+    def show(file: Annotated[str, cli.Reads()] = shown) -> None:
         load(file)
         cli.write(text(file))
 
@@ -337,7 +291,6 @@ vehicle = _shipped_group(
     lambda: ((name, vehicle_files.load_vehicle(name).name) for name in vehicle_files.shipped_vehicles()),
     vehicle_files.load_vehicle,
     vehicle_files.vehicle_text,
-    "eivor.motions.rigid_body.vehicle:shipped_vehicles",
 )
 
 
@@ -356,7 +309,6 @@ machine = _shipped_group(
     ),
     load_machine,
     machine_text,
-    "eivor.motions.declaration:shipped_machines",
 )
 
 
@@ -364,14 +316,7 @@ machine = _shipped_group(
 def new_machine(
     file: Annotated[str, NEW_FILE, cli.Writes()] = cli.STANDARD_OUTPUT,
     *,
-    like: Annotated[
-        str,
-        cli.option(
-            "NAME",
-            "The shipped machine to begin with.",
-            values_of="eivor.motions.declaration:shipped_machines",
-        ),
-    ] = "rover",
+    like: Annotated[str, cli.option("machine new like")] = "rover",
 ) -> None:
     """Write a machine's file to begin with: a shipped one, to be changed."""
     checks.index_of("a machine", like, shipped_machines())

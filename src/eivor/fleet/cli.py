@@ -6,7 +6,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from rich.console import Group, JustifyMethod, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -41,62 +40,28 @@ app = cli.group(
     "fleet", "Whole fleets: thousands of logs, one row for each flight, one answer for each vehicle."
 )
 
-FleetArgument = Annotated[
-    str, cli.argument("FLEET", "Folder of eivor fleet run."), cli.Reads(cli.fleet_paths)
-]
+FleetArgument = Annotated[str, cli.option("all fleet"), cli.Reads(cli.fleet_paths)]
 
 
 @cli.command(app, "run")
 @cli.with_options(FlightWords, only=("input_channel", "input_map", "max_tilt"))
 def run_command(
-    logs: Annotated[
-        str,
-        cli.argument(
-            "FOLDER|GLOB|LIST",
-            "A folder of logs, a pattern such as 'logs/**/*.ulg', or a list: a .txt with a path in each "
-            "line, a .csv with a column 'path'. Or an address such as s3://bucket/logs.",
-        ),
-        cli.Reads(),
-    ],
+    logs: Annotated[str, cli.option("fleet run logs"), cli.Reads()],
     *,
-    out: Annotated[
-        str,
-        cli.option("FLEET", "Folder of the fleet, new or begun before.", "-o", "--out"),
-        cli.Writes(cli.FLEET_FILES),
-    ],
+    out: Annotated[str, cli.option("fleet run out"), cli.Writes(cli.FLEET_FILES)],
     model: cli.ModelOption = "",
     vehicle: cli.VehicleOption = "",
     channel_map: Annotated[
         list[str],
-        cli.option(
-            "PATTERN=MAP",
-            "Channel map of the logs whose name fits a pattern, such as 'lab/*.csv=lab.toml'; again for "
-            "more. Without, a shipped map whose columns all match.",
-            "--map",
-        ),
+        cli.option("fleet run channel_map"),
         cli.Reads(lambda text: [Path(text.rpartition("=")[2])]),
     ] = NO_TEXTS,
-    vehicle_from: Annotated[
-        str,
-        cli.option(
-            "PATTERN|COLUMN",
-            "Whose log it is: a pattern of its path such as '{vehicle}/*.ulg' or '{type}/{vehicle}/*', "
-            "or a column of the list or of the logs. Default: the board's unique id.",
-        ),
-    ] = "",
+    vehicle_from: Annotated[str, cli.option("fleet run vehicle_from")] = "",
     workers: cli.WorkersOption = None,
-    dask: Annotated[
-        str,
-        cli.rare_option(
-            "ADDRESS",
-            "Use the workers of a Dask scheduler, such as tcp://host:8786; they see the same folders.",
-        ),
-    ] = "",
-    reports: Annotated[
-        bool, cli.flag("--reports", "Write a page of each flight, to which eivor fleet report links.")
-    ] = False,
-    log_time: Annotated[float, cli.rare_option("S", "Longest time for one log, in seconds.")] = 600.0,
-    log_memory: Annotated[float, cli.rare_option("GB", "Most memory for one log, in GB.")] = 4.0,
+    dask: Annotated[str, cli.option("fleet run dask")] = "",
+    reports: Annotated[bool, cli.option("fleet run reports")] = False,
+    log_time: Annotated[float, cli.option("fleet run log_time")] = 600.0,
+    log_memory: Annotated[float, cli.option("fleet run log_memory")] = 4.0,
     **given: Any,
 ) -> cli.ExitCode:
     """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
@@ -158,18 +123,9 @@ def _report(done: FleetRun, out: str) -> RenderableType:
 @cli.command(app)
 def query(
     fleet: FleetArgument,
-    what: Annotated[
-        str,
-        typer.Argument(
-            metavar="[WHAT]",
-            help="verdicts, vehicles, failed, refused, copies, or the name of a quantity.",
-            autocompletion=cli.completion(values_of="eivor.fleet.analysis:QUERIES"),
-        ),
-    ] = "verdicts",
+    what: Annotated[str, cli.option("fleet query what")] = "verdicts",
     *,
-    csv: Annotated[
-        str, cli.option("FILE", "Write the answer as CSV; - for standard output."), cli.Writes()
-    ] = "",
+    csv: Annotated[str, cli.option("fleet query csv"), cli.Writes()] = "",
 ) -> None:
     """Ask a fleet's table what is asked most often."""
     answer = answer_of(read_flights(path_of(fleet)), what)
@@ -191,19 +147,9 @@ def compact(fleet: FleetArgument) -> None:
 def report(
     fleet: FleetArgument,
     *,
-    covariates: Annotated[
-        str,
-        cli.option(
-            "FILE",
-            "What you know of flights and logs do not, a CSV such as name,mass: changes that it "
-            "explains are not identified as changes of the vehicle.",
-        ),
-        cli.Reads(),
-    ] = "",
+    covariates: Annotated[str, cli.option("fleet report covariates"), cli.Reads()] = "",
     json: cli.JsonOption = "",
-    html: Annotated[
-        str, cli.option("FILE", "Write one page that opens anywhere, FILE.html."), cli.Writes()
-    ] = "",
+    html: Annotated[str, cli.option("fleet report html"), cli.Writes()] = "",
 ) -> None:
     """Pool flights by vehicle and type: means, what the next flight will be, what changes and deviates."""
     given = given_covariates(Path(covariates)) if covariates else None

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -49,22 +48,12 @@ ALL = "all"
 @cli.guarded
 def paper(
     *,
-    runs: Annotated[int, cli.option("N", "Runs of each example.")] = 100,
-    out: Annotated[
-        str,
-        cli.option("FOLDER", "Write figures 2 to 8 of the nearest reading here, as SVG and PNG."),
-        cli.Writes(cli.PAPER_FILES),
-    ] = "",
+    runs: Annotated[int, cli.option("paper runs")] = 100,
+    out: Annotated[str, cli.option("paper out"), cli.Writes(cli.PAPER_FILES)] = "",
     readings: Annotated[
-        str,
-        cli.option(
-            "NAMES",
-            "Readings with commas between, or all: print their tables in full. Default: run all, and print "
-            "the nearest one's tables and an overview.",
-            values=tuple(item.name for item in named_readings(())),
-        ),
+        str, cli.option("paper readings", tuple(item.name for item in named_readings(())))
     ] = "",
-    workers: Annotated[int | None, cli.option("N", "Processes; default: one for each core.")] = None,
+    workers: Annotated[int | None, cli.option("paper workers")] = None,
 ) -> cli.ExitCode:
     """Run examples 1 and 2 of the paper that Eivor started from, and print measured beside printed.
 
@@ -124,38 +113,15 @@ def _folder(text: str) -> Path:
 
 @cli.guarded
 def simulate(
-    scenario_file: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENARIO.toml",
-            help="The scenario, or the name of one that comes with Eivor, such as flight or rich.",
-            autocompletion=cli.completion(values_of="eivor.lab.scenario_files:shipped_files"),
-        ),
-        cli.Reads(),
-    ],
+    scenario_file: Annotated[str, cli.option("simulate scenario_file"), cli.Reads()],
     *,
-    out: Annotated[str, cli.option("FILE", "The log, which ends in .parquet.", "--out", "-o"), cli.Writes()],
-    seed: Annotated[int, cli.option("N", "Of all randomness: the same gives the same log.")] = 0,
-    truth: Annotated[
-        str, cli.option("FILE.json", "Write the parameters and the noises that were added."), cli.Writes()
-    ] = "",
-    vehicle: Annotated[
-        str,
-        cli.option("FILE.toml", "Write the vehicle file that `eivor identify --model rigid-body` asks for."),
-        cli.Writes(),
-    ] = "",
-    fit: Annotated[
-        str,
-        cli.option("FIT.json", "Fly the vehicle that a result of the rigid body identified.", "--from"),
-        cli.Reads(),
-    ] = "",
-    mass: Annotated[str, cli.option("KG", "Its mass, where its vehicle file has none.")] = "",
-    accept: Annotated[
-        str,
-        cli.option(
-            "VERDICT", "Fly weak numbers of it too, or provisional ones as well.", values=ACCEPTABLE_WORDS
-        ),
-    ] = "identified",
+    out: Annotated[str, cli.option("simulate out"), cli.Writes()],
+    seed: Annotated[int, cli.option("simulate seed")] = 0,
+    truth: Annotated[str, cli.option("simulate truth"), cli.Writes()] = "",
+    vehicle: Annotated[str, cli.option("simulate vehicle"), cli.Writes()] = "",
+    fit: Annotated[str, cli.option("simulate fit"), cli.Reads()] = "",
+    mass: Annotated[str, cli.option("simulate mass")] = "",
+    accept: Annotated[str, cli.option("simulate accept", ACCEPTABLE_WORDS)] = "identified",
 ) -> cli.ExitCode:
     """Simulate motion with known parameters into a log.
 
@@ -241,28 +207,17 @@ def _simulated(scenario: Simulated, seed: int) -> KnownLog:
 
 @cli.guarded
 def study(
-    study_file: Annotated[
-        str,
-        typer.Argument(metavar="STUDY.toml", help="The study: scenario, methods, runs, seed."),
-        cli.Reads(),
-    ],
+    study_file: Annotated[str, cli.option("study study_file"), cli.Reads()],
     *,
     out: Annotated[
         str,
-        cli.option("FOLDER", "Folder of the trials; default: the study's file name with -study, here."),
+        cli.option("study out"),
         cli.Writes(cli.STUDY_FILES, default=lambda values: f"{Path(values['study_file']).stem}-study"),
     ] = "",
-    runs: Annotated[int | None, cli.option("N", "Trials, in place of the study's own number.")] = None,
+    runs: Annotated[int | None, cli.option("study runs")] = None,
     workers: cli.WorkersOption = None,
-    dask: Annotated[
-        str, cli.option("ADDRESS", "Use the workers of a Dask scheduler, such as tcp://host:8786.")
-    ] = "",
-    figures: Annotated[
-        bool,
-        cli.flag(
-            "--figures", "Draw histograms of NRMSE and, with intervals, their coverage into the folder."
-        ),
-    ] = False,
+    dask: Annotated[str, cli.option("study dask")] = "",
+    figures: Annotated[bool, cli.option("study figures")] = False,
     json: cli.JsonOption = "",
 ) -> cli.ExitCode:
     """Run a Monte Carlo study, or go on with one that was interrupted."""

@@ -11,9 +11,7 @@ from contextlib import contextmanager
 from time import sleep as pause
 from typing import Annotated
 
-import typer
-
-from eivor.cli.outputs import WorkersOption, guarded, write
+from eivor.cli.outputs import WorkersOption, guarded, option, write
 from eivor.errors import InputError, UsageError
 from eivor.process_pool import Limits
 from eivor.serve.app import ServeOptions, Server
@@ -27,14 +25,12 @@ LOOK_S = 0.1
 @guarded
 def serve(
     *,
-    port: Annotated[int, typer.Option(metavar="N", help="Port of 127.0.0.1; 0 is any that is free.")] = 0,
-    no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Print the address, and open nothing.")
-    ] = False,
+    port: Annotated[int, option("serve port")] = 0,
+    no_browser: Annotated[bool, option("serve no_browser")] = False,
     workers: WorkersOption = None,
-    memory: Annotated[float, typer.Option(metavar="GB", help="Memory that a log may take.")] = 4.0,
-    time: Annotated[float, typer.Option(metavar="S", help="Time that a log may take.")] = 600.0,
-    largest: Annotated[float, typer.Option(metavar="MB", help="Size that a log may have.")] = 500.0,
+    memory: Annotated[float, option("serve memory")] = 4.0,
+    time: Annotated[float, option("serve time")] = 600.0,
+    largest: Annotated[float, option("serve largest")] = 500.0,
 ) -> None:
     """Open a page on this machine: drop logs on it, look at verdicts and pictures, take files along."""
     options = _options(port, workers, memory, time, largest)
