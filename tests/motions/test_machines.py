@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import runpy
 from dataclasses import replace
 from types import SimpleNamespace
@@ -389,6 +390,23 @@ def rover_case(rng, count, step_s):
     truth = {"drive_gain": 4.0, "rolling_drag": 0.8, "dry_friction": 0.3, "actuator_lag": 0.15, "delay": 0.05}
     noise = {"forward_speed": 0.01, "forward_acceleration": 0.1}
     return truth, {"drive_command": drive, "reference_forward_speed": asked}, noise, (0.05, 0.3)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_intervals_reach_to_estimates_by_each_of_two_responses_that_disagree():
+    machine = ev.load_machine("rover")
+    truth, signals, noise, disturbance = rover_case(np.random.default_rng(1), 3000, 0.02)
+    errors = {"noise": noise, "disturbance": disturbance}
+    columns = machine.simulate(truth, signals, seconds=60.0, step_s=0.02, **errors)
+    late = columns | {"forward_acceleration": np.roll(columns["forward_acceleration"], 3)}
+    logs = [ev.recording_from_columns(item, name="drive") for item in (columns, late)]
+    agreeing, differing = (ev.identify_flight(log, model=machine) for log in logs)
+    agree, differ = (machine.abilities.sensors.sentence(item.fit.sensors) for item in (agreeing, differing))
+    assert re.match(r"Of the responses ddt\(forward_speed\) is [56].* ms behind forward_acceleration", agree)
+    assert re.match(r"Of the responses forward_acceleration is 5.* ms behind ddt\(forward_speed\)", differ)
+    low, high = differing.quantities["effective_lag"].interval
+    assert low < truth["actuator_lag"] + truth["delay"] < high
+    assert differing.quantities["effective_lag"].half_width > 0.03
 
 
 def servo_case(rng, count, step_s):

@@ -21,7 +21,7 @@ from eivor.flights.references import ReferenceSource
 from eivor.logs.channel_map import Expression, InTime, parse_expression
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns, actuators, lag_and_delay
 from eivor.models.regression import Parameter
-from eivor.models.separable import InstrumentRule, LaggedReferences, Prior, Values
+from eivor.models.separable import GivenBins, InstrumentRule, LaggedReferences, Prior, Values
 from eivor.models.spectral import SpectralRun, densities
 from eivor.signals.channels import family_members
 from eivor.signals.filters import actuator_state, shifted_by, time_derivative
@@ -328,6 +328,42 @@ class DeclaredMotion(motion.Motion[R]):
             series = problem.series_in_band(estimate.nuisances, number, estimate.theta, driven)
             traces.append(Trace(*self.axes[number].trace, *series.T))
         return tuple(traces)
+
+
+#: How the first of two responses differs from the second: it is late, or reads less.
+OFFSET, SCALE = Parameter("offset", "s"), Parameter("scale", "")
+#: Smaller differences matter to nothing.
+LEAST_DIFFERENCE = {OFFSET.name: 0.001, SCALE.name: 0.005}
+
+
+def response_difference(
+    problem: LaggedRuns,
+    columns: Sequence[Float[np.ndarray, "n k"]] = (),
+    instruments: Sequence[Float[np.ndarray, "n p"]] = (),
+    parameters: tuple[Parameter, ...] = (),
+) -> GivenBins | None:
+    """Regression of the difference of two responses on offset, scale and other columns; None for one."""
+    pairs = all(item.responses.shape[1] == 2 and item.instruments.shape[1] for item in problem.columns)
+    if not pairs or len(problem.axes) > 1:
+        return None
+    causes, bins = list[np.ndarray](), problem.bins(problem.first_values)
+    for item in problem.columns:
+        valid, a = item.valid, item.responses.mean(axis=1)
+        if valid is not None and valid.any():  # a slope reads its neighbours, which may be beyond a limit
+            a = np.interp(np.arange(a.size), np.flatnonzero(valid), a[valid])
+        causes.append(np.array([np.gradient(a, item.step_s), a]).T)
+    regressors, psi = [problem.spectra(causes)], [bins.instruments]
+    if parameters:
+        regressors, psi = [*regressors, problem.spectra(columns)], [*psi, problem.spectra(instruments)]
+    return GivenBins(
+        replace(
+            bins,
+            responses=bins.responses @ [[-1.0], [1.0]],
+            regressors=np.hstack(regressors),
+            instruments=np.hstack(psi),
+            parameters=(OFFSET, SCALE, *parameters),
+        )
+    )
 
 
 def simple_models(problem: LaggedRuns, estimate: Estimate) -> dict[str, SimpleModel]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -13,14 +13,30 @@ import numpy as np
 from eivor import checks
 from eivor.errors import InputError, UsageError, did_you_mean
 from eivor.estimation.estimate import Estimate, derived_from
+from eivor.estimation.methods import identify, reference_iv
 from eivor.estimation.weighting import residual_spectrum
 from eivor.flights import quantity, verdict
 from eivor.flights.grid import Active, Grid, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES, LEVEL, ratio_quantity
-from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction, VehicleSupport
+from eivor.flights.motion import (
+    Abilities,
+    Flights,
+    FlightView,
+    LogChannels,
+    Prediction,
+    SensorComparison,
+    VehicleSupport,
+)
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, deviations
-from eivor.flights.quantity import NAN, CardSection, Quantity, QuantityEstimate
+from eivor.flights.prepared import (
+    InputFamily,
+    PreparedFlight,
+    Selection,
+    SensorAgreement,
+    deviations,
+    sensor_agreement,
+)
+from eivor.flights.quantity import NAN, CardSection, Counts, Quantity, QuantityEstimate
 from eivor.flights.references import ReferenceSource, white_noise_std
 from eivor.flights.result import FlightEstimate
 from eivor.inference.covariance import JointEstimate
@@ -282,6 +298,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
             tracking=self._tracked_parameter,
             closed_loop_record=partial(equation.loop_record, self.axes, self.activity.counted, self.delays_s),
             profiled=True,
+            sensors=SensorComparison(_agreement, self._difference_sentence),
         )
 
     @property
@@ -489,9 +506,56 @@ class Machine(DeclaredMotion[LaggedRuns]):
         return max([first, *map(with_lag, lags[1:])], key=partial(_strength, _target_basis(first)))
 
     def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> MachineChecks:
-        return MachineChecks(
-            _answers(problem, estimate, flights) if estimate.assembler.needs_instruments else {}
+        answers = _answers(problem, estimate, flights) if estimate.assembler.needs_instruments else {}
+        return MachineChecks(answers, self._by_response(problem, estimate))
+
+    def _by_response(self, problem: LaggedRuns, estimate: Estimate) -> dict[str, tuple[float, float]]:
+        """How far estimates by each of two responses are below and above, where these disagree."""
+        agreement = _agreement(problem)
+        if agreement is None or not (agreement.significant or agreement.otherwise):
+            return {}
+        results = []
+        for k in range(2):
+            columns = tuple(replace(item, responses=item.responses[:, [k]]) for item in problem.columns)
+            alone = replace(problem, columns=columns)
+            results.append(self.derive(alone, identify(alone, reference_iv())))
+        shifts = {
+            name: [item[name].value - known.value for item in results if name in item]
+            for name, known in self.derive(problem, estimate).items()
+        }
+        return {name: (-min(0.0, *values), max(0.0, *values)) for name, values in shifts.items()}
+
+    @property
+    def _by_each_response(self) -> verdict.SystematicPart:
+        return verdict.SystematicPart(
+            (*self.quantities,),
+            Counts.ADDED,
+            lambda inputs, name: inputs.checks.by_response.get(name, (0.0, 0.0)),
+            lambda inputs: (
+                f"{self._difference_sentence(inputs.sensors)} Which is right is not known: intervals reach "
+                "to the estimates by each alone."
+            ),
         )
+
+    def _difference_sentence(self, agreement: SensorAgreement | None) -> str:
+        """How both responses differ, in a line."""
+        if agreement is None:
+            return ""
+        response = self.axes[0].response
+        first, second = response if len(response) == 2 else ("the first", "the second")
+        sentences = []
+        for name, item in agreement.significant.items():
+            times = 1e3 if name == equation.OFFSET.name else 100.0
+            value, width = f"{times * abs(item.value):.3g}", f"{times * item.half_width:.2g}"
+            if name == equation.OFFSET.name:
+                late, early = (first, second) if item.value > 0.0 else (second, first)
+                sentences.append(f"Of the responses {late} is {value} ± {width} ms behind {early}.")
+            else:
+                more, less = (second, first) if item.value > 0.0 else (first, second)
+                sentences.append(f"Of the responses {more} reads {value} ± {width} % more than {less}.")
+        if not sentences:
+            return f"{first} and {second} {'disagree' if agreement.otherwise else 'agree'}"
+        return " ".join(sentences)
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         results = dict(super().derive(problem, estimate))
@@ -539,8 +603,9 @@ class Machine(DeclaredMotion[LaggedRuns]):
 
     @property
     def parts(self) -> tuple[verdict.SystematicPart, ...]:  # type: ignore[override]
-        """Commands that may have been issued between those that are logged."""
-        return (verdict.clock_part((*LAGS, EFFECTIVE_LAG)),) if self.has_lag else ()
+        """Commands between those that are logged, and two responses that disagree."""
+        clock = (verdict.clock_part((*LAGS, EFFECTIVE_LAG)),) if self.has_lag else ()
+        return (*clock, self._by_each_response)
 
     def view(self, flight: PreparedFlight) -> FlightView:
         behind = " behind a lag τ and a delay d" if self.has_lag else ""
@@ -577,6 +642,11 @@ class Machine(DeclaredMotion[LaggedRuns]):
         return (Finding("standstill", sentence),)
 
 
+def _agreement(problem: LaggedRuns, _flights: Flights = ()) -> SensorAgreement | None:
+    """How two responses differ; None without two."""
+    return sensor_agreement(equation.response_difference(problem), equation.LEAST_DIFFERENCE)
+
+
 def _active_share(flights: Flights) -> float:
     masks = [flight.active.counted for flight in flights if flight.active.counted is not None]
     return float(np.mean(np.concatenate(masks))) if masks else 1.0
@@ -610,9 +680,11 @@ STANDSTILL = verdict.Rule(
 
 @dataclass(frozen=True, slots=True)
 class MachineChecks(verdict.MotionChecks):
-    """P-values of the test for references that respond to disturbances."""
+    """P-values of the test for references that respond to disturbances, and estimates by each response."""
 
     answers: Mapping[str, float]
+    #: How far below and above estimates by each response alone are
+    by_response: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def numbers(self) -> dict[str, float]:

@@ -19,6 +19,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns
 from eivor.models.regression import Parameter
 from eivor.models.separable import GivenBins
 from eivor.models.spectral import SpectralRegression
+from eivor.motions.equation import LEAST_DIFFERENCE, OFFSET, SCALE, response_difference
 from eivor.motions.vertical import regression
 from eivor.motions.vertical.regression import MAPPED, RADII, SUPPLY, VOLTAGE_SHARE, VerticalFlights, explained
 from eivor.motions.vertical.select import rotated, vertical_row
@@ -327,13 +328,9 @@ def _clock_reach_s(item: AxisColumns, flight: PreparedFlight, estimate: Estimate
 
 # -- Sensors --
 
-OFFSET = Parameter("offset", "s")
-SCALE = Parameter("scale", "")
 TILTS = {name: Parameter(f"tilt_{name}", "rad") for name in ("forward", "left", "x", "y")}
 #: Differences that are too small to matter.
-LEAST_SENSOR_DIFFERENCE = {OFFSET.name: 0.001, SCALE.name: 0.005} | {
-    tilt.name: float(np.deg2rad(0.3)) for tilt in TILTS.values()
-}
+LEAST_SENSOR_DIFFERENCE = LEAST_DIFFERENCE | {tilt.name: float(np.deg2rad(0.3)) for tilt in TILTS.values()}
 #: One sensor that reads so many times what the other does is in another unit.
 OTHER_UNIT_TIMES = 3.0
 SENSORS = ("velocity", "accelerometer")
@@ -350,29 +347,12 @@ SIDEWAYS_LAGS_S = (0.2, 0.2, 0.4)
 
 def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFlight]) -> GivenBins | None:
     """Regression of D - A on the column of each kind of disagreement."""
-    if any(item.responses.shape[1] < 2 or not item.instruments.shape[1] for item in problem.columns):
-        return None
     sideways = [_sideways(flight) for flight in flights]
     names = tuple(sideways[0]) if all(speeds.keys() == sideways[0].keys() for speeds in sideways) else ()
     pairs = [(item, [of[name] for name in names]) for item, of in zip(problem.columns, sideways, strict=True)]
-    causes, lags = (problem.spectra([made(*pair) for pair in pairs]) for made in (_kinds, _lags))
-    bins = problem.bins(problem.first_values)
-    return GivenBins(
-        replace(
-            bins,
-            responses=bins.responses @ [[-1.0], [1.0]],
-            regressors=causes,
-            instruments=np.hstack([bins.instruments, lags]),
-            parameters=(OFFSET, SCALE, *(TILTS[name] for name in names)),
-        )
-    )
-
-
-def _kinds(axis_columns: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -> Float[np.ndarray, "n k"]:
-    step_s, valid, a = axis_columns.step_s, axis_columns.valid, axis_columns.responses.mean(axis=1)
-    if valid is not None and valid.any():  # a slope reads its neighbours, which may be beyond a limit
-        a = np.interp(np.arange(a.size), np.flatnonzero(valid), a[valid])
-    return np.array([np.gradient(a, step_s), a, *(-np.gradient(v, step_s) for v in sideways)]).T
+    leaning = [np.array([-np.gradient(v, item.step_s) for v in speeds]).T for item, speeds in pairs]
+    tilts = tuple(TILTS[name] for name in names)
+    return response_difference(problem, leaning, [_lags(*pair) for pair in pairs], tilts)
 
 
 def turned(flights: Sequence[PreparedFlight]) -> tuple[str, str]:

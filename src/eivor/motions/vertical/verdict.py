@@ -17,8 +17,9 @@ from eivor.flights.verdict import VerdictInputs
 from eivor.inference.verdict import Cause, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
+from eivor.motions.equation import OFFSET, SCALE
 from eivor.motions.vertical import misspecification
-from eivor.motions.vertical.misspecification import OFFSET, OTHER_UNIT_TIMES, SCALE, change_by, sentence
+from eivor.motions.vertical.misspecification import OTHER_UNIT_TIMES, change_by, sentence
 from eivor.motions.vertical.regression import GROUND, SUPPLY, TERMS, ThrustDrift, height_over_ground
 from eivor.motions.vertical.select import QUANTITIES, TABLES
 from eivor.signals.channels import CurveSide
