@@ -22,7 +22,7 @@ from eivor.models.separable import (
     values_of,
 )
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun, trend
-from eivor.signals.filters import shifted_by
+from eivor.signals.filters import weights_between_samples
 from eivor.tools import Bool, Complex, Float
 
 #: Nuisances of nearly every vehicle, as they are called in results.
@@ -224,8 +224,12 @@ class Shifts(Interpolation):
     none: int  # Place of no delay among them
 
     def weights(self, values: ManyValues) -> Float[np.ndarray, "points nodes"]:
-        late = partial(shifted_by, np.eye(len(self.points))[:, [self.none]], step_s=self.step_s)
-        return np.stack([late(delay_s=delay_s)[:, 0] for delay_s in values[DELAY.name].tolist()])
+        steps, weights = weights_between_samples(np.asarray(values[DELAY.name]) / self.step_s)
+        count = len(self.points)
+        results = np.zeros((steps.size, count + 4))
+        places = np.clip(self.none + steps[:, None] + np.arange(2, -2, -1), -2, count + 1) + 2
+        np.put_along_axis(results, places, weights, axis=1)
+        return results[:, 2:-2]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from eivor.signals.noise import padded_length
-from eivor.tools import Float
+from eivor.tools import Float, Int
 
 Series = Float[np.ndarray, " n"]
 Rotors = Float[np.ndarray, "n rotors"]
@@ -97,20 +97,28 @@ def _uneven_state(
     return state
 
 
-def shifted_by(values: Columns, *, step_s: float, delay_s: float) -> Columns:
-    """Sampled values so much later; earlier for a negative delay."""
-    steps = int(np.floor(delay_s / step_s))
-    f = delay_s / step_s - steps
-    # Lagrange's weights for the value between samples -1 and 0, of samples -2, -1, 0, 1 from there
+def weights_between_samples(delays: Series) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 4"]]:
+    """Whole steps of delays in steps, and Lagrange's weights of samples -2, -1, 0, 1 from there."""
+    steps = np.floor(delays).astype(np.int64)
+    f = delays - steps
     weights = (
         f * (1.0 + f) * (f - 1.0) / 6.0,
         f * (1.0 + f) * (2.0 - f) / 2.0,
         (1.0 + f) * (1.0 - f) * (2.0 - f) / 2.0,
         f * (f - 1.0) * (2.0 - f) / 6.0,
     )
+    return steps, np.stack(weights, axis=1)
+
+
+def shifted_by(values: Columns, *, step_s: float, delay_s: float) -> Columns:
+    """Sampled values so much later; earlier for a negative delay."""
+    (steps,), (weights,) = weights_between_samples(np.array([delay_s / step_s]))
     count = values.shape[0]
     around = values.T[:, np.clip(np.arange(-2, count + 1) - steps, 0, count - 1)]
-    return np.array([np.correlate(column, weights, "valid") for column in around] if f else around[:, 2:-1]).T
+    is_between = weights[2] != 1.0
+    return np.array(
+        [np.correlate(column, weights, "valid") for column in around] if is_between else around[:, 2:-1]
+    ).T
 
 
 def first_order_lag(values: Series, *, step_s: float, lag_s: float) -> Series:
