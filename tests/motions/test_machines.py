@@ -31,7 +31,7 @@ from eivor.logs.channel_map import parse_expression
 from eivor.models.separable import LaggedReferences
 from eivor.motions.declaration import machine_text, shipped_machines
 from eivor.motions.equation import DeclaredMotion
-from eivor.motions.machine import MachineChecks
+from eivor.motions.machine_verdict import MachineChecks
 from eivor.motions.vertical import regression
 from eivor.report.other_results import track_document
 from eivor.signals import channels

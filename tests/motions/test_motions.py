@@ -26,7 +26,7 @@ from eivor.flights.verdict import Instruments, VerdictInputs, reasons_by_quantit
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.separable import LaggedReferences
 from eivor.motions import table as motions
-from eivor.motions.machine import MachineChecks
+from eivor.motions.machine_verdict import MachineChecks
 from eivor.motions.rates.motion import Rates
 from eivor.motions.table import loaded_motion, motion_names
 from eivor.motions.vertical.motion import Vertical

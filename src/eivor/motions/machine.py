@@ -1,10 +1,10 @@
-"""Declared machines as motions: selection, instruments, activity, quantities, verdicts and words."""
+"""Declared machines as motions: selection, instruments, activity, quantities and words."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -13,8 +13,6 @@ import numpy as np
 from eivor import checks
 from eivor.errors import InputError, UsageError, did_you_mean
 from eivor.estimation.estimate import Estimate, derived_from
-from eivor.estimation.methods import identify, reference_iv
-from eivor.estimation.weighting import residual_spectrum
 from eivor.flights import quantity, verdict
 from eivor.flights.grid import Active, Grid, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES, LEVEL, ratio_quantity
@@ -32,44 +30,26 @@ from eivor.flights.prepared import (
     InputFamily,
     PreparedFlight,
     Selection,
-    SensorAgreement,
     deviations,
-    sensor_agreement,
 )
-from eivor.flights.quantity import NAN, CardSection, Counts, Quantity, QuantityEstimate
+from eivor.flights.quantity import NAN, CardSection, Quantity, QuantityEstimate
 from eivor.flights.references import ReferenceSource, white_noise_std
 from eivor.flights.result import FlightEstimate
 from eivor.inference.covariance import JointEstimate
-from eivor.inference.distributions import chi_square_tail, t_quantile
-from eivor.inference.verdict import Cause, Status
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
+from eivor.inference.distributions import t_quantile
+from eivor.inference.verdict import Status
+from eivor.models.lagged_runs import DELAY, LaggedRuns
 from eivor.models.separable import InstrumentRule, LaggedReferences, Prior
-from eivor.motions import equation
+from eivor.motions import equation, machine_verdict
 from eivor.motions.equation import AxisEquation, DeclaredMotion, SolvedEquation, Term, parsed
+from eivor.motions.machine_verdict import LAGS, MachineChecks
 from eivor.signals.channels import CanonicalChannel
-from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
-from eivor.signals.signals import Signals, stretches
-from eivor.tools import Bool, Complex, Float, capitalised, plain
+from eivor.signals.signals import stretches
+from eivor.tools import Bool, Float, capitalised
 
 # -- Parts of a declaration --
 
-LAGS = (ACTUATOR_LAG.name, DELAY.name)
-
-
-def _narrower(remedy: str, inputs: verdict.VerdictInputs) -> str:
-    lags = inputs.robust.get(ACTUATOR_LAG.name)
-    if lags is None or len(lags.intervals) < 2:
-        return remedy
-    ends = [[plain(1e3 * end, 3) for end in part if end < math.inf] for part in lags.intervals]
-    parts = ", ".join(f"{' to '.join(part)} ms{' or more' * (len(part) < 2)}" for part in ends)
-    advice = "narrow lag_ms to the part that fits the machine."
-    return f"Lags in {len(ends)} parts fit the log ({parts}): {advice} {remedy}"
-
-
-LAG_LIMIT = verdict.Limit(
-    identified_within=0.02, identified=0.1, narrower=partial(_narrower, "Move it in quicker steps.")
-)
 #: Cosine averages of the standard error of an intercept, and degrees of freedom of its t.
 AVERAGES = 8
 #: Time constants of the lags of references, of which the strongest is taken [s].
@@ -80,16 +60,12 @@ SPARE_INSTRUMENTS = 2
 STANDSTILL_SHARE, STANDSTILL_NOISES = 0.02, 3.0
 #: A reversal in fewer samples is no standstill: where noise decides, leaving it out would favour some noises.
 STANDSTILL_SAMPLES = 6
-#: Less than this share of a log in use is refused; of the default rule, less than that is weak.
-LEAST_ACTIVE, CLEARLY_ACTIVE = 0.2, 0.7
 #: Steps of grids are within these [s]: those of the fastest channel.
 STEPS_S = (0.005, 0.1)
 #: The band of rows ends at this share of the rate of the slowest channel, and begins and ends here [Hz].
 BAND_SHARE, BAND_HZ = 0.2, (0.04, 5.0)
 #: Highest observable frequency, as a share of the rate.
 NYQUIST_SHARE = 0.5
-#: Lags [s] of a reference's past and future that residuals are compared with; p-values below this answer.
-ANSWER_LAGS_S, ANSWER_P_VALUE = (0.06, 0.25, 1.0, 4.0), 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,7 +274,10 @@ class Machine(DeclaredMotion[LaggedRuns]):
             tracking=self._tracked_parameter,
             closed_loop_record=partial(equation.loop_record, self.axes, self.activity.counted, self.delays_s),
             profiled=True,
-            sensors=SensorComparison(_agreement, self._difference_sentence),
+            sensors=SensorComparison(
+                machine_verdict.response_agreement,
+                partial(machine_verdict.difference_sentence, self.axes[0].response),
+            ),
         )
 
     @property
@@ -506,56 +485,12 @@ class Machine(DeclaredMotion[LaggedRuns]):
         return max([first, *map(with_lag, lags[1:])], key=partial(_strength, _target_basis(first)))
 
     def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> MachineChecks:
-        answers = _answers(problem, estimate, flights) if estimate.assembler.needs_instruments else {}
-        return MachineChecks(answers, self._by_response(problem, estimate))
-
-    def _by_response(self, problem: LaggedRuns, estimate: Estimate) -> dict[str, tuple[float, float]]:
-        """How far estimates by each of two responses are below and above, where these disagree."""
-        agreement = _agreement(problem)
-        if agreement is None or not (agreement.significant or agreement.otherwise):
-            return {}
-        results = []
-        for k in range(2):
-            columns = tuple(replace(item, responses=item.responses[:, [k]]) for item in problem.columns)
-            alone = replace(problem, columns=columns)
-            results.append(self.derive(alone, identify(alone, reference_iv())))
-        shifts = {
-            name: [item[name].value - known.value for item in results if name in item]
-            for name, known in self.derive(problem, estimate).items()
-        }
-        return {name: (-min(0.0, *values), max(0.0, *values)) for name, values in shifts.items()}
-
-    @property
-    def _by_each_response(self) -> verdict.SystematicPart:
-        return verdict.SystematicPart(
-            (*self.quantities,),
-            Counts.ADDED,
-            lambda inputs, name: inputs.checks.by_response.get(name, (0.0, 0.0)),
-            lambda inputs: (
-                f"{self._difference_sentence(inputs.sensors)} Which is right is not known: intervals reach "
-                "to the estimates by each alone."
-            ),
+        answers = (
+            machine_verdict.answers(problem, estimate, flights)
+            if estimate.assembler.needs_instruments
+            else {}
         )
-
-    def _difference_sentence(self, agreement: SensorAgreement | None) -> str:
-        """How both responses differ, in a line."""
-        if agreement is None:
-            return ""
-        response = self.axes[0].response
-        first, second = response if len(response) == 2 else ("the first", "the second")
-        sentences = []
-        for name, item in agreement.significant.items():
-            times = 1e3 if name == equation.OFFSET.name else 100.0
-            value, width = f"{times * abs(item.value):.3g}", f"{times * item.half_width:.2g}"
-            if name == equation.OFFSET.name:
-                late, early = (first, second) if item.value > 0.0 else (second, first)
-                sentences.append(f"Of the responses {late} is {value} ± {width} ms behind {early}.")
-            else:
-                more, less = (second, first) if item.value > 0.0 else (first, second)
-                sentences.append(f"Of the responses {more} reads {value} ± {width} % more than {less}.")
-        if not sentences:
-            return f"{first} and {second} {'disagree' if agreement.otherwise else 'agree'}"
-        return " ".join(sentences)
+        return MachineChecks(answers, machine_verdict.shifts_by_response(problem, estimate, self.derive))
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         results = dict(super().derive(problem, estimate))
@@ -573,19 +508,19 @@ class Machine(DeclaredMotion[LaggedRuns]):
     def rules(self) -> tuple[verdict.Rule, ...]:  # type: ignore[override]
         words, moving = self.words, [term.name for term in self.terms if not term.is_intercept]
         stages = (*moving, *(LAGS if self.has_lag else ()))
-        rows = [_active_rule(self.activity), ANSWERING]
+        rows = [machine_verdict.active_rule(self.activity.when), machine_verdict.ANSWERING]
         if not self.activity.when:
-            rows.append(STANDSTILL)
+            rows.append(machine_verdict.STANDSTILL)
         if self.has_lag:
             check = "Check that the command is that of this machine, or declare a longer one."
             rows += verdict.flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG)
-            rows += verdict.lag_rules(LAG_LIMIT, self.quantities[EFFECTIVE_LAG])
+            rows += verdict.lag_rules(machine_verdict.LAG_LIMIT, self.quantities[EFFECTIVE_LAG])
             delay = "The delay ran into the longest that is declared ({:.3g} s)."
             too_long = verdict.end_of_grid_rule(
                 DELAY.name, (), lambda longest, _: delay.format(longest), check
             )
-            rows += [verdict.longest_lag_rule((), check), too_long, SLOW_SAMPLES]
-        longer = partial(_narrower, "Log for longer, or give several logs.")
+            rows += [verdict.longest_lag_rule((), check), too_long, machine_verdict.SLOW_SAMPLES]
+        longer = partial(machine_verdict.narrower, "Log for longer, or give several logs.")
         limit = verdict.Limit(
             *self.half_widths, zero=Status.REFUSED, narrower=longer, away_from_zero=self.move
         )
@@ -605,7 +540,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
     def parts(self) -> tuple[verdict.SystematicPart, ...]:  # type: ignore[override]
         """Commands between those that are logged, and two responses that disagree."""
         clock = (verdict.clock_part((*LAGS, EFFECTIVE_LAG)),) if self.has_lag else ()
-        return (*clock, self._by_each_response)
+        return (*clock, machine_verdict.response_part((*self.quantities,), self.axes[0].response))
 
     def view(self, flight: PreparedFlight) -> FlightView:
         behind = " behind a lag τ and a delay d" if self.has_lag else ""
@@ -631,7 +566,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
 
     def _findings(self, flights: Flights, _quantities: Mapping[str, Quantity]) -> tuple[Finding, ...]:
         """Share of the logs that counts, unless it is all."""
-        share = 1.0 - _active_share(flights)
+        share = 1.0 - machine_verdict.active_share(flights)
         if self.activity.when or not (self.activity.moving and share):
             return ()
         rules = "; ".join(dict.fromkeys(flight.active.rule for flight in flights))
@@ -640,134 +575,6 @@ class Machine(DeclaredMotion[LaggedRuns]):
             "there. Declare [active] for another rule."
         )
         return (Finding("standstill", sentence),)
-
-
-def _agreement(problem: LaggedRuns, _flights: Flights = ()) -> SensorAgreement | None:
-    """How two responses differ; None without two."""
-    return sensor_agreement(equation.response_difference(problem), equation.LEAST_DIFFERENCE)
-
-
-def _active_share(flights: Flights) -> float:
-    masks = [flight.active.counted for flight in flights if flight.active.counted is not None]
-    return float(np.mean(np.concatenate(masks))) if masks else 1.0
-
-
-def _active_rule(activity: Activity) -> verdict.Rule:
-    rule = activity.when or "movement"
-    return verdict.Rule(
-        (),
-        lambda inputs: _active_share(inputs.flights) < LEAST_ACTIVE,
-        Status.REFUSED,
-        lambda inputs: (
-            f"The machine is in use for {_active_share(inputs.flights):.0%} of the log only (by {rule}); "
-            f"{LEAST_ACTIVE:.0%} are needed."
-        ),
-        "Move it for longer, cut the log with --window, or declare another [active].",
-    )
-
-
-STANDSTILL = verdict.Rule(
-    (),
-    lambda inputs: _active_share(inputs.flights) < CLEARLY_ACTIVE,
-    Status.WEAK,
-    lambda inputs: (
-        f"Standstill is {1.0 - _active_share(inputs.flights):.0%} of the log. It is known by the measured "
-        "speed, which disturbances move too: what is left favours some of them."
-    ),
-    "Keep it moving: plan references that turn at once.",
-)
-
-
-@dataclass(frozen=True, slots=True)
-class MachineChecks(verdict.MotionChecks):
-    """P-values of the test for references that respond to disturbances, and estimates by each response."""
-
-    answers: Mapping[str, float]
-    #: How far below and above estimates by each response alone are
-    by_response: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        return {f"{name}_answers_p_value": value for name, value in self.answers.items()}
-
-    @property
-    def answering(self) -> str:
-        """References that answer, by name."""
-        limit = ANSWER_P_VALUE / max(len(self.answers), 1)
-        return ", ".join(name for name, value in self.answers.items() if value < limit)
-
-
-ANSWERING = verdict.Rule(
-    (),
-    lambda inputs: inputs.instruments.exogenous and bool(inputs.checks.answering),
-    Status.PROVISIONAL,
-    lambda inputs: (
-        f"What disturbs the machine predicts its reference ({inputs.checks.answering}, p-value "
-        f"{min(inputs.checks.answers.values()):.1g}): a controller computes it, and it biases the numbers."
-    ),
-    "Log and declare what was set beforehand, such as the goal of the outermost loop.",
-    Cause.INSTRUMENT,
-)
-
-
-def _answers(problem: LaggedRuns, estimate: Estimate, flights: Flights) -> dict[str, float]:
-    """P-values of tests that the future of a reference adds nothing to its past for the residual."""
-    values, theta = estimate.nuisances, estimate.theta
-    bins = problem.bins(values)
-    blend, power = residual_spectrum(bins, bins.residuals(theta))
-
-    def rows(columns: Complex[np.ndarray, "bins k"]) -> Float[np.ndarray, "rows k"]:
-        stacked = bins.layout.stacked(columns / np.sqrt(power)[:, None])
-        return stacked / np.maximum(np.linalg.norm(stacked, axis=0), np.finfo(np.float64).tiny)
-
-    searched = [item for item in problem.nuisances if item.searched]
-    slopes = [item.derivative(lambda x: problem.bins(x).regressors @ theta, values) for item in searched]
-    whitened = bins.whitened_rows(blend, power)
-    residual = whitened[:, 0] - whitened[:, 1:] @ theta
-    X, instruments = rows(np.column_stack([bins.regressors, *slopes])), rows(bins.instruments)
-    Q = _column_space(instruments)
-    projection = np.linalg.pinv(Q @ (Q.T @ X)).T  # The estimate has removed this from the residual
-    count, results = residual.size * bins.layout.independent, {}
-    for name in flights[0].usable_references:
-        past, future = zip(*(_past_and_future(flight.signals, name) for flight in flights), strict=True)
-        explained = _column_space(np.column_stack([rows(problem.spectra(past)), instruments]))
-        gained = rows(problem.spectra(future))
-        gained -= explained @ (explained.T @ gained)
-        gained -= projection @ (X.T @ gained)
-        directions = _column_space(gained, 1e-3)
-        share = float(((directions.T @ residual) ** 2).sum() / (residual @ residual or 1.0))
-        results[name] = chi_square_tail(count * share, directions.shape[1])
-    return results
-
-
-def _past_and_future(signals: Signals, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """A reference with its lagged copies, of first and second order, and lagged copies in reversed time."""
-    series, step_s = np.nan_to_num(signals.channel(name)), signals.step_s
-    lags = [lag_s for lag_s in ANSWER_LAGS_S if lag_s >= 2.0 * step_s]
-
-    def lagged(values: Float[np.ndarray, " n"], lag_s: float) -> Float[np.ndarray, " n"]:
-        return first_order_lag(values, step_s=step_s, lag_s=lag_s)
-
-    lagging = [lagged(series, lag_s) for lag_s in lags]
-    twice = map(lagged, lagging, lags)
-    leading = [lagged(series[::-1], lag_s)[::-1] for lag_s in lags]
-    return np.array([series, *lagging, *twice]).T, np.array(leading).T
-
-
-def _step_s(inputs: verdict.VerdictInputs) -> float:
-    return 1.0 / max(min(inputs.command_rate_hz, inputs.response_rate_hz), 1e-9)
-
-
-SLOW_SAMPLES = verdict.Rule(
-    (*LAGS, EFFECTIVE_LAG),
-    lambda inputs: inputs.value(EFFECTIVE_LAG) < 2.0 * _step_s(inputs),
-    Status.WEAK,
-    lambda inputs: (
-        f"Samples are {1e3 * _step_s(inputs):.3g} ms apart, more than half the lag: how the command held "
-        "between them moves it."
-    ),
-    "Log commands and states faster.",
-)
 
 
 def _target_basis(problem: LaggedRuns) -> Float[np.ndarray, "rows n"]:
@@ -785,12 +592,6 @@ def _target_basis(problem: LaggedRuns) -> Float[np.ndarray, "rows n"]:
 def _strength(target: Float[np.ndarray, "rows n"], problem: LaggedRuns) -> float:
     """Least canonical correlation of the instruments with the target basis."""
     return float(np.linalg.svd(_basis(problem.instrument_bins).T @ target, compute_uv=False)[-1])
-
-
-def _column_space(rows: Float[np.ndarray, "rows k"], tolerance: float = 1e-6) -> Float[np.ndarray, "rows n"]:
-    """Orthonormal basis of the column space, without singular values below a share of the largest."""
-    U, s, _ = np.linalg.svd(rows, full_matrices=False)
-    return np.asarray(U[:, s > tolerance * s[0]])
 
 
 def _basis(matrix: np.ndarray) -> Float[np.ndarray, "rows n"]:
