@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, reduce
 from typing import Any, TypeVar
 
 import msgspec
@@ -18,6 +18,7 @@ from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities, lag_quantit
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import QuantityEstimate, SimpleModel, Trace
 from eivor.flights.references import ReferenceSource
+from eivor.linalg.system import COPIED_ROWS, merged_roots, row_blocks
 from eivor.logs.channel_map import Expression, InTime, parse_expression
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns, actuators, lag_and_delay
 from eivor.models.regression import Parameter
@@ -364,6 +365,17 @@ def response_difference(
             parameters=(OFFSET, SCALE, *parameters),
         )
     )
+
+
+def explained(
+    basis: Float[np.ndarray, "n p"], runs: Sequence[slice], columns: Float[np.ndarray, "n k"]
+) -> Float[np.ndarray, "n k"]:
+    """Least-squares predictions of columns by others and a constant, over the runs."""
+    parts = (slice(*ends) for run in runs for ends in row_blocks(run.start, run.stop, COPIED_ROWS))
+    rows = (np.column_stack([basis[k], np.ones(k.stop - k.start), columns[k]]) for k in parts)
+    root, rcond = reduce(merged_roots, rows), len(basis) * np.finfo(np.float64).eps
+    weights = np.linalg.lstsq(root[:, : basis.shape[1] + 1], root[:, basis.shape[1] + 1 :], rcond=rcond)[0]
+    return np.asarray(basis @ weights[:-1] + weights[-1])
 
 
 def simple_models(problem: LaggedRuns, estimate: Estimate) -> dict[str, SimpleModel]:

@@ -485,12 +485,14 @@ class Machine(DeclaredMotion[LaggedRuns]):
         return max([first, *map(with_lag, lags[1:])], key=partial(_strength, _target_basis(first)))
 
     def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> MachineChecks:
-        answers = (
-            machine_verdict.answers(problem, estimate, flights)
-            if estimate.assembler.needs_instruments
-            else {}
+        if not estimate.assembler.needs_instruments:
+            return MachineChecks({})
+        test = machine_verdict.ResidualTest.of(problem, estimate)
+        return MachineChecks(
+            machine_verdict.answers(test, problem, flights),
+            machine_verdict.shifts_by_response(problem, estimate, self.derive),
+            machine_verdict.missed_term(test, problem, estimate, self.axes),
         )
-        return MachineChecks(answers, machine_verdict.shifts_by_response(problem, estimate, self.derive))
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         results = dict(super().derive(problem, estimate))
@@ -538,9 +540,11 @@ class Machine(DeclaredMotion[LaggedRuns]):
 
     @property
     def parts(self) -> tuple[verdict.SystematicPart, ...]:  # type: ignore[override]
-        """Commands between those that are logged, and two responses that disagree."""
+        """Commands between those that are logged, two responses that disagree, and a term that is missed."""
         clock = (verdict.clock_part((*LAGS, EFFECTIVE_LAG)),) if self.has_lag else ()
-        return (*clock, machine_verdict.response_part((*self.quantities,), self.axes[0].response))
+        names, derived = (*self.quantities,), {item.name: item.of for item in self.derived}
+        by_response = machine_verdict.response_part(names, self.axes[0].response)
+        return (*clock, by_response, machine_verdict.missed_part(names, derived))
 
     def view(self, flight: PreparedFlight) -> FlightView:
         behind = " behind a lag τ and a delay d" if self.has_lag else ""

@@ -3,24 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
+from operator import itemgetter
 
 import numpy as np
 
+from eivor.errors import EstimationError, InstrumentError, TooFewSamplesError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import identify, reference_iv
 from eivor.estimation.weighting import residual_spectrum
 from eivor.flights import verdict
 from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.motion import Flights
-from eivor.flights.prepared import SensorAgreement, sensor_agreement
+from eivor.flights.prepared import Difference, SensorAgreement, estimated, sensor_agreement
 from eivor.flights.quantity import Counts, QuantityEstimate
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.verdict import Cause, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
-from eivor.motions.equation import LEAST_DIFFERENCE, OFFSET, response_difference
+from eivor.models.regression import Parameter
+from eivor.models.separable import GivenBins
+from eivor.models.spectral import SpectralRegression
+from eivor.motions.equation import (
+    LEAST_DIFFERENCE,
+    OFFSET,
+    AxisEquation,
+    explained,
+    parsed,
+    response_difference,
+)
 from eivor.signals.filters import first_order_lag
 from eivor.signals.signals import Signals
 from eivor.tools import Complex, Float, plain
@@ -31,7 +43,9 @@ LAGS = (ACTUATOR_LAG.name, DELAY.name)
 
 
 def narrower(remedy: str, inputs: verdict.VerdictInputs) -> str:
-    """What to do about a wide interval, with lags in several parts that fit."""
+    """What to do about a wide interval, with a term that is missed and lags in several parts that fit."""
+    if inputs.checks.missed is not None:
+        remedy = f"Declare a term with {inputs.checks.missed.of}. {remedy}"
     lags = inputs.robust.get(ACTUATOR_LAG.name)
     if lags is None or len(lags.intervals) < 2:
         return remedy
@@ -102,19 +116,27 @@ SLOW_SAMPLES = verdict.Rule(
 
 #: Lags [s] of a reference's past and future that residuals are compared with; p-values below this answer.
 ANSWER_LAGS_S, ANSWER_P_VALUE = (0.06, 0.25, 1.0, 4.0), 1e-4
+#: Columns of length one whose new part is shorter add nothing.
+NOTHING_NEW = 1e-2
 
 
 @dataclass(frozen=True, slots=True)
 class MachineChecks(verdict.MotionChecks):
-    """P-values of the test for references that respond to disturbances, and estimates by each response."""
+    """References that respond to disturbances, responses that disagree, and a term that is missed."""
 
     answers: Mapping[str, float]
     #: How far below and above estimates by each response alone are
     by_response: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    missed: MissedTerm | None = None
 
     @property
     def numbers(self) -> dict[str, float]:
-        return {f"{name}_answers_p_value": value for name, value in self.answers.items()}
+        missed = {} if self.missed is None else {f"missed_{self.missed.of}": self.missed.difference.value}
+        return {f"{name}_answers_p_value": value for name, value in self.answers.items()} | missed
+
+    @property
+    def report(self) -> tuple[tuple[str, str], ...]:
+        return () if self.missed is None else (("left out", self.missed.sentence),)
 
     @property
     def answering(self) -> str:
@@ -136,35 +158,66 @@ ANSWERING = verdict.Rule(
 )
 
 
-def answers(problem: LaggedRuns, estimate: Estimate, flights: Flights) -> dict[str, float]:
-    """P-values of tests that the future of a reference adds nothing to its past for the residual."""
-    if not estimate.assembler.needs_instruments:
-        return {}
-    values, theta = estimate.nuisances, estimate.theta
-    bins = problem.bins(values)
-    blend, power = residual_spectrum(bins, bins.residuals(theta))
+@dataclass(frozen=True)
+class ResidualTest:
+    """Test that further instruments predict nothing of the residual of an estimate."""
 
-    def rows(columns: Complex[np.ndarray, "bins k"]) -> Float[np.ndarray, "rows k"]:
-        stacked = bins.layout.stacked(columns / np.sqrt(power)[:, None])
+    bins: SpectralRegression
+    slopes: list[Complex[np.ndarray, " bins"]]  # By the nuisances that were searched
+    power: Float[np.ndarray, " bins"]
+    residual: Float[np.ndarray, " rows"]
+
+    @classmethod
+    def of(cls, problem: LaggedRuns, estimate: Estimate) -> ResidualTest:
+        """Rows at the estimate, with its weights."""
+        values, theta = estimate.nuisances, estimate.theta
+        bins = problem.bins(values)
+        blend, power = residual_spectrum(bins, bins.residuals(theta))
+        searched = [item for item in problem.nuisances if item.searched]
+        slopes = [item.derivative(lambda x: problem.bins(x).regressors @ theta, values) for item in searched]
+        whitened = bins.whitened_rows(blend, power)
+        return cls(bins, slopes, power, whitened[:, 0] - whitened[:, 1:] @ theta)
+
+    def p_value(
+        self,
+        columns: Complex[np.ndarray, "bins k"],
+        known: Complex[np.ndarray, "bins m"] | None = None,
+    ) -> float:
+        """P-value of columns that add nothing to the instruments, and to known ones."""
+        explained = self._instruments
+        if known is not None:
+            explained = _column_space(np.column_stack([self._rows(known), explained]))
+        gained = self._rows(columns)
+        gained -= explained @ (explained.T @ gained)
+        X, projection = self._projection
+        gained -= projection @ (X.T @ gained)
+        if np.linalg.norm(gained) < NOTHING_NEW:
+            return 1.0
+        directions = _column_space(gained, 1e-3)
+        share = float(((directions.T @ self.residual) ** 2).sum() / (self.residual @ self.residual or 1.0))
+        return chi_square_tail(self.residual.size * self.bins.layout.independent * share, directions.shape[1])
+
+    def _rows(self, columns: Complex[np.ndarray, "bins k"]) -> Float[np.ndarray, "rows k"]:
+        stacked = self.bins.layout.stacked(columns / np.sqrt(self.power)[:, None])
         return stacked / np.maximum(np.linalg.norm(stacked, axis=0), np.finfo(np.float64).tiny)
 
-    searched = [item for item in problem.nuisances if item.searched]
-    slopes = [item.derivative(lambda x: problem.bins(x).regressors @ theta, values) for item in searched]
-    whitened = bins.whitened_rows(blend, power)
-    residual = whitened[:, 0] - whitened[:, 1:] @ theta
-    X, instruments = rows(np.column_stack([bins.regressors, *slopes])), rows(bins.instruments)
-    Q = _column_space(instruments)
-    projection = np.linalg.pinv(Q @ (Q.T @ X)).T  # The estimate has removed this from the residual
-    count, results = residual.size * bins.layout.independent, {}
+    @cached_property
+    def _instruments(self) -> Float[np.ndarray, "rows p"]:
+        return _column_space(self._rows(self.bins.instruments))
+
+    @cached_property
+    def _projection(self) -> tuple[Float[np.ndarray, "rows n"], Float[np.ndarray, "rows n"]]:
+        """Regressors, and what the estimate has removed from the residual."""
+        X, Q = self._rows(np.column_stack([self.bins.regressors, *self.slopes])), self._instruments
+        return X, np.linalg.pinv(Q @ (Q.T @ X)).T
+
+
+def answers(test: ResidualTest, problem: LaggedRuns, flights: Flights) -> dict[str, float]:
+    """P-values of tests that the future of a reference adds nothing to its past for the residual."""
+    results = {}
     for name in flights[0].usable_references:
         past, future = zip(*(_past_and_future(flight.signals, name) for flight in flights), strict=True)
-        explained = _column_space(np.column_stack([rows(problem.spectra(past)), instruments]))
-        gained = rows(problem.spectra(future))
-        gained -= explained @ (explained.T @ gained)
-        gained -= projection @ (X.T @ gained)
-        directions = _column_space(gained, 1e-3)
-        share = float(((directions.T @ residual) ** 2).sum() / (residual @ residual or 1.0))
-        results[name] = chi_square_tail(count * share, directions.shape[1])
+        results[name] = test.p_value(problem.spectra(future), problem.spectra(past))
     return results
 
 
@@ -245,4 +298,105 @@ def response_part(quantities: tuple[str, ...], response: tuple[str, ...]) -> ver
             f"{difference_sentence(response, inputs.sensors)} Which is right is not known: intervals reach "
             "to the estimates by each alone."
         ),
+    )
+
+
+# -- Terms that an equation lacks --
+
+#: Curves of a channel that are tried as further terms; those that bend at once are of what no actuator lags.
+CURVES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
+    "{0} ** 2": np.square,
+    "abs({0}) * {0}": lambda x: np.abs(x) * x,
+    "sign({0})": np.sign,
+}
+#: A term is missed below this p-value, of all that are tried together.
+MISSED = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class MissedTerm:
+    """A curve of a term that explains what an equation leaves, and the estimates with it."""
+
+    of: str
+    difference: Difference
+    p_value: float
+    values: Mapping[str, float]  # Parameters and nuisances
+
+    @property
+    def sentence(self) -> str:
+        """The term in words, with its number."""
+        number = f"{plain(self.difference.value, 3)} ± {plain(self.difference.half_width, 2)}"
+        return (
+            f"The equation lacks {number} times {self.of} (p-value {self.p_value:.1g}): declare such a term."
+        )
+
+    def shift(self, name: str, of: str, value: float) -> tuple[float, float]:
+        """How far a quantity, or an expression over parameters, is below and above with it."""
+        known = {**self.values, EFFECTIVE_LAG: sum(self.values.get(lag, 0.0) for lag in LAGS)}
+        change = known.get(name, value) - value
+        if of:
+            change = float(parsed(of).evaluate(self.values)) - value
+        return max(-change, 0.0), max(change, 0.0)
+
+
+def missed_term(
+    test: ResidualTest, problem: LaggedRuns, estimate: Estimate, axes: Sequence[AxisEquation]
+) -> MissedTerm | None:
+    """The curve of a term, predicted by the instruments, that explains most of the residual, if any does."""
+    values, count = estimate.nuisances, len(problem.parameters)
+    candidates = list[tuple[float, str, np.ndarray, np.ndarray]]()
+    for place, number in enumerate(problem.axes):
+        signed = [(-1.0 if term.of.startswith("-") else 1.0, term) for term in axes[number].terms]
+        terms = [(sign, replace(term, of=term.of.removeprefix("-"))) for sign, term in signed]
+        terms = [(sign, term) for sign, term in terms if term.is_linear]
+        at = [problem.parameters.index(term.parameter) for _, term in terms]
+        measured, predicted = list[np.ndarray](), list[np.ndarray]()
+        for item in problem.columns:
+            if item.axis == number:
+                measured.append(item.all_columns(values, count)[:, at] * [sign for sign, _ in terms])
+                predicted.append(explained(item.instruments, item.runs, measured[-1]))
+        for words, curve in CURVES.items():
+            regressors = problem.spectra([curve(columns) for columns in measured])
+            instruments = problem.spectra([curve(columns) for columns in predicted])
+            for k, (_, term) in enumerate(terms, place * len(terms)):
+                if not (term.behind and curve is np.sign):
+                    column, instrument = regressors[:, [k]], instruments[:, [k]]
+                    p_value = test.p_value(instrument)
+                    candidates.append((p_value, words.format(term.of), column, instrument))
+    if not candidates:
+        return None
+    p_value, of, column, instrument = min(candidates, key=itemgetter(0))
+    if p_value * len(candidates) >= MISSED:
+        return None
+    searched = [item.parameter for item in problem.nuisances if item.searched]
+    extended = replace(
+        test.bins,
+        regressors=np.column_stack([column, test.bins.regressors, *test.slopes]),
+        instruments=np.hstack([test.bins.instruments, instrument]),
+        parameters=(Parameter(of, ""), *problem.parameters, *searched),
+    )
+    try:
+        differences = dict(estimated(GivenBins(extended), {})[0].differences)
+    except (EstimationError, InstrumentError, TooFewSamplesError):
+        return None
+    known, missed = {**values, **estimate.parameters}, differences.pop(of)
+    # the slopes' coefficients are changes of nuisances
+    changed = {name: item.value + values.get(name, 0.0) for name, item in differences.items()}
+    return MissedTerm(of, missed, p_value, {**known, **changed})
+
+
+def missed_part(quantities: tuple[str, ...], derived: Mapping[str, str]) -> verdict.SystematicPart:
+    """Row of a term that the equation lacks: intervals reach to the estimates with it."""
+
+    def size(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
+        missed: MissedTerm | None = inputs.checks.missed
+        if missed is None:
+            return 0.0, 0.0
+        return missed.shift(name, derived.get(name, ""), inputs.value(name))
+
+    return verdict.SystematicPart(
+        quantities,
+        Counts.ADDED,
+        size,
+        lambda inputs: f"{inputs.checks.missed.sentence} Intervals reach to the estimates with it.",
     )

@@ -19,9 +19,9 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns
 from eivor.models.regression import Parameter
 from eivor.models.separable import GivenBins
 from eivor.models.spectral import SpectralRegression
-from eivor.motions.equation import LEAST_DIFFERENCE, OFFSET, SCALE, response_difference
+from eivor.motions.equation import LEAST_DIFFERENCE, OFFSET, SCALE, explained, response_difference
 from eivor.motions.vertical import regression
-from eivor.motions.vertical.regression import MAPPED, RADII, SUPPLY, VOLTAGE_SHARE, VerticalFlights, explained
+from eivor.motions.vertical.regression import MAPPED, RADII, SUPPLY, VOLTAGE_SHARE, VerticalFlights
 from eivor.motions.vertical.select import rotated, vertical_row
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import GRAVITY, Channel, Finding

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
+from functools import cached_property
 
 import msgspec
 import numpy as np
@@ -18,11 +18,10 @@ from eivor.flights.prepared import CommandLimit, InputFamily, PreparedFlight
 from eivor.inference.covariance import COSINE_AVERAGES, long_run_mean_variance
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.distributions import normal_quantile, t_quantile
-from eivor.linalg.system import COPIED_ROWS, merged_roots, row_blocks
 from eivor.models import lagged_runs, separable
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns
 from eivor.models.spectral import LINE_S
-from eivor.motions.equation import AxisEquation, Term, evaluated, mean_of
+from eivor.motions.equation import AxisEquation, Term, evaluated, explained, mean_of
 from eivor.motions.vertical.model import INPUT_GAIN, VISCOUS_FRICTION
 from eivor.motions.vertical.select import INPUTS, FittedCurve
 from eivor.signals.recording import GRAVITY
@@ -186,17 +185,6 @@ def with_instruments_of(
     return np.column_stack(
         [item.instruments, *(evaluated(term.expression, signals, predicted) for term in terms)]
     )
-
-
-def explained(
-    basis: Float[np.ndarray, "n p"], runs: Sequence[slice], columns: Float[np.ndarray, "n k"]
-) -> Float[np.ndarray, "n k"]:
-    """Least-squares predictions of columns by others and a constant, over the runs."""
-    parts = (slice(*ends) for run in runs for ends in row_blocks(run.start, run.stop, COPIED_ROWS))
-    rows = (np.column_stack([basis[k], np.ones(k.stop - k.start), columns[k]]) for k in parts)
-    root, rcond = reduce(merged_roots, rows), len(basis) * np.finfo(np.float64).eps
-    weights = np.linalg.lstsq(root[:, : basis.shape[1] + 1], root[:, basis.shape[1] + 1 :], rcond=rcond)[0]
-    return np.asarray(basis @ weights[:-1] + weights[-1])
 
 
 # -- Flights --
