@@ -409,6 +409,23 @@ def test_intervals_reach_to_estimates_by_each_of_two_responses_that_disagree():
     assert differing.quantities["effective_lag"].half_width > 0.03
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_a_curve_that_an_equation_lacks_is_named_and_widens_intervals(tmp_path):
+    rover = ev.load_machine("rover")
+    truth, signals, noise, disturbance = rover_case(np.random.default_rng(2), 3000, 0.02)
+    columns = rover.simulate(truth, signals, seconds=60.0, step_s=0.02, noise=noise, disturbance=disturbance)
+    log = ev.recording_from_columns(columns, name="drive")
+    assert ev.identify_flight(log, model=rover).fit.motion_checks.missed is None
+    lines = [line for line in machine_text("rover").splitlines() if "dry_friction" not in line]
+    path = tmp_path / "smooth.toml"
+    path.write_text("\n".join([*lines, 'headline = ["drive_gain"]']))
+    fit = ev.identify_flight(log, model=str(path))
+    missed, drag = fit.fit.motion_checks.missed, fit.quantities["rolling_drag"]
+    assert missed.of == "sign(forward_speed)"
+    assert abs(missed.difference.value + truth["dry_friction"]) < missed.difference.half_width
+    assert drag.interval[0] < truth["rolling_drag"] < drag.value - 0.1
+
+
 def servo_case(rng, count, step_s):
     """A servo that swings without rests."""
     time = step_s * np.arange(count)
