@@ -347,6 +347,8 @@ def verdict_inputs(state: FlightState, fit: outcome.Fit) -> VerdictInputs:
     # share of the variance of each joint parameter that comes from priors
     prior_rows = fit.estimate.prior_rows() @ covariance
     shares = np.clip((prior_rows**2).sum(axis=0) / np.diag(covariance), 0.0, 1.0) if prior_rows.size else ()
+    names, constancy = fit.estimate.names, fit.checks.constancy
+    sides = () if constancy is None or not constancy.speaks else constancy.sides(fit.estimate.values)
     return VerdictInputs(
         **_of_flights(flights),
         instruments=instruments_used,
@@ -354,6 +356,7 @@ def verdict_inputs(state: FlightState, fit: outcome.Fit) -> VerdictInputs:
         single_frequency_hz=single_frequency_hz(flights, instruments_used.names),
         checks=fit.motion_checks,
         periodicity=fit.checks.periodicity,
+        sides=tuple(dict(zip(names, side.tolist(), strict=True)) for side in sides),
         lag_prior=fit.lag_prior,
         sensors=fit.sensors,
         prior_share=dict(zip(fit.estimate.names, map(float, shares), strict=False)),

@@ -76,6 +76,8 @@ class VerdictInputs:
     checks: Any = field(default_factory=MotionChecks)  # What the motion adds, see `Motion.checks`
     lag_prior: LagPrior | None = None  # What was known of the lag from elsewhere
     periodicity: Periodicity | None = None
+    #: Joint parameters before and after they change; none where they do not
+    sides: tuple[Mapping[str, float], ...] = ()
     sensors: SensorAgreement | None = None  # Whether two measurements of one response agree
     used_s: float = math.inf  # Time used of all flights [s]
     order_given: bool = False  # Of the response

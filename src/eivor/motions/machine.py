@@ -540,11 +540,11 @@ class Machine(DeclaredMotion[LaggedRuns]):
 
     @property
     def parts(self) -> tuple[verdict.SystematicPart, ...]:  # type: ignore[override]
-        """Commands between those that are logged, two responses that disagree, and a term that is missed."""
+        """Commands between those logged, responses that disagree, a missed term, parameters that change."""
         clock = (verdict.clock_part((*LAGS, EFFECTIVE_LAG)),) if self.has_lag else ()
         names, derived = (*self.quantities,), {item.name: item.of for item in self.derived}
         by_response = machine_verdict.response_part(names, self.axes[0].response)
-        return (*clock, by_response, machine_verdict.missed_part(names, derived))
+        return (*clock, by_response, *machine_verdict.parts(names, derived))
 
     def view(self, flight: PreparedFlight) -> FlightView:
         behind = " behind a lag τ and a delay d" if self.has_lag else ""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from operator import itemgetter
+from typing import Any
 
 import numpy as np
 
@@ -330,14 +331,6 @@ class MissedTerm:
             f"The equation lacks {number} times {self.of} (p-value {self.p_value:.1g}): declare such a term."
         )
 
-    def shift(self, name: str, of: str, value: float) -> tuple[float, float]:
-        """How far a quantity, or an expression over parameters, is below and above with it."""
-        known = {**self.values, EFFECTIVE_LAG: sum(self.values.get(lag, 0.0) for lag in LAGS)}
-        change = known.get(name, value) - value
-        if of:
-            change = float(parsed(of).evaluate(self.values)) - value
-        return max(-change, 0.0), max(change, 0.0)
-
 
 def missed_term(
     test: ResidualTest, problem: LaggedRuns, estimate: Estimate, axes: Sequence[AxisEquation]
@@ -385,18 +378,35 @@ def missed_term(
     return MissedTerm(of, missed, p_value, {**known, **changed})
 
 
-def missed_part(quantities: tuple[str, ...], derived: Mapping[str, str]) -> verdict.SystematicPart:
-    """Row of a term that the equation lacks: intervals reach to the estimates with it."""
+def parts(quantities: tuple[str, ...], derived: Mapping[str, str]) -> tuple[verdict.SystematicPart, ...]:
+    """Rows of a term that the equation lacks, and of parameters that change: intervals reach to these."""
 
-    def size(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
-        missed: MissedTerm | None = inputs.checks.missed
-        if missed is None:
-            return 0.0, 0.0
-        return missed.shift(name, derived.get(name, ""), inputs.value(name))
+    def reaches(others: Callable[[verdict.VerdictInputs], Sequence[Mapping[str, float]]]) -> Any:
+        def size(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
+            value, expression = inputs.value(name), parsed(derived.get(name, name))
+            alternatives = [_with_lag(values) for values in others(inputs)]
+            known = [values for values in alternatives if {*expression.columns} <= values.keys()]
+            shifts = [float(expression.evaluate(values)) - value for values in known]
+            return -min([0.0, *shifts]), max([0.0, *shifts])
 
-    return verdict.SystematicPart(
-        quantities,
-        Counts.ADDED,
-        size,
-        lambda inputs: f"{inputs.checks.missed.sentence} Intervals reach to the estimates with it.",
+        return size
+
+    with_term = "Intervals reach to the estimates with it."
+    return (
+        verdict.SystematicPart(
+            quantities,
+            Counts.ADDED,
+            reaches(lambda inputs: () if inputs.checks.missed is None else (inputs.checks.missed.values,)),
+            lambda inputs: f"{inputs.checks.missed.sentence} {with_term}",
+        ),
+        verdict.SystematicPart(
+            quantities,
+            Counts.ADDED,
+            reaches(lambda inputs: inputs.sides),
+            "Parameters change during the record: intervals reach to their means before and after.",
+        ),
     )
+
+
+def _with_lag(values: Mapping[str, float]) -> Mapping[str, float]:
+    return {**values, EFFECTIVE_LAG: sum(values.get(lag, 0.0) for lag in LAGS)}

@@ -65,6 +65,11 @@ class Constancy(Diagnostic):
         """Whether a change is worth a word."""
         return bool(self.p_value < SIGNIFICANT)
 
+    def sides(self, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "2 n"]:
+        """Parameters before and after, of those that change significantly; the others as they are."""
+        change = np.where(self.p_values < SIGNIFICANT, self.change, 0.0) * self.speaks
+        return np.stack([values - (1.0 - self.break_at) * change, values + self.break_at * change])
+
     def rows(self, subject: Subject, /) -> Iterator[Row]:
         likely = f"p-value {self.p_value:.3g}, a change most likely at {subject.when(self.break_at)}"
         line = f"constancy            {self.statistic:>10.4g}  {likely}"
