@@ -117,6 +117,15 @@ def test_a_quick_log_holds_every_command_unless_others_are_logged_more_often():
     assert command_clock(quick, [quick, quicker]).slack_s == pytest.approx(0.0025, rel=0.01)
 
 
+def test_rows_of_a_table_hold_every_command_no_more_where_a_slower_channel_skips_some():
+    rows = np.arange(0.0, 20.0, 0.004)
+    gyro = Channel("angular_rate_x", rows, np.sin(9.0 * rows), "rad/s")
+    skipped = rows[np.unique(np.searchsorted(rows, np.arange(0.0, 19.9, 0.01) - 1e-9))]
+    camera = Channel("position_z", skipped, np.sin(9.0 * skipped), "m")
+    clock = command_clock(command(rows), [gyro, camera], 0.004)
+    assert (clock.is_known, clock.is_even) == (False, True)
+
+
 BEATING = [(0.004, 100.0, 0.001), (0.004, 100.0, 0.003), (0.004, 90.0, 0.002)]
 BEATING += [(0.01, 47.3, 0.003), (0.01, 30.0, 0.003)]
 

@@ -265,7 +265,7 @@ def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: 
     multiples, quick = steps / logged, logged <= QUICK_STEP_S
     # distances are multiples of the usual one, but for a logger's slips
     is_regular = float(np.mean(np.abs(multiples - np.rint(multiples)) > SAME_SHARE)) <= ODD_SHARE
-    if looked_at and quick and is_regular:
+    if looked_at and quick and is_regular and not sampled_with_it:
         return every_logged
     if looked_at and jitter and _repeats(command):
         return Clock(logged, logged / FINE_PARTS, looked=True)
