@@ -22,10 +22,13 @@ from eivor.motions.rigid_body.compatibility import (
     wind_table,
     with_one_clock,
 )
+from eivor.motions.rigid_body.dynamics import ATTITUDE
 from eivor.motions.rigid_body.output_error import weights_of
-from eivor.motions.rigid_body.verdict import hover_over_usual
+from eivor.motions.rigid_body.verdict import gyroscope_late_s, hover_over_usual
 from eivor.report.document import bounded_numbers
 from eivor.signals.recording import Frame
+from eivor.simulation.controller import Sensor
+from eivor.simulation.rigid_body import Sensors
 from flights.flight_logs import channel
 from motions.turning_logs import BODY, body_flown
 
@@ -137,8 +140,8 @@ def test_kinematics_finds_clock_scale_and_bias_and_clocks_are_put_together(fligh
     }
     wrong["angular_rate_x"] = replace(wrong["angular_rate_x"], values=1.04 * rate.values + 0.03)
     late = replace(log, channels={**log.channels, **wrong})
-    made = list(comparisons(late, [(1.0, 26.0)]))
-    rows = {row.what: row for item in made for row in item.table()}
+    spans = [(1.0, 26.0)]
+    rows = {row.what: row for item in comparisons(late, spans) for row in item.table()}
     for what, true, near in (
         ("gyroscope behind the attitude", 12.0, 0.5),
         ("gyroscope, scale along x", 1.04, 0.005),
@@ -148,17 +151,27 @@ def test_kinematics_finds_clock_scale_and_bias_and_clocks_are_put_together(fligh
         low, high = rows[what].interval
         assert abs(rows[what].value - true) < near
         assert low - near < true < high + near
-    together, sentences = with_one_clock(log, made)
+    together, sentences = with_one_clock(late, spans)
     assert "ms ahead of the gyroscope" in sentences[0]
     moved = together.channel("attitude_w").time_s - log.channel("attitude_w").time_s
     np.testing.assert_allclose(moved, 0.012, atol=5e-4)
-    assert with_one_clock(log, comparisons(log, [(1.0, 26.0)])) == (log, ())
-    assert with_one_clock(late, made, cutoff_hz=18.757) == (late, ())  # a known low-pass is as late
+    assert with_one_clock(log, spans) == (log, ())
+    inputs = SimpleNamespace(flights=(SimpleNamespace(recording=together),))
+    assert gyroscope_late_s(inputs) == pytest.approx(0.012, abs=5e-4)
+    assert with_one_clock(late, spans, cutoff_hz=18.757) == (late, ())  # a known low-pass is as late
     # the end of the search is no measurement
     stamps = {name: channel.time_s + 0.103 * (name in wrong) for name, channel in late.channels.items()}
     later = replace(late, channels={n: replace(late.channel(n), time_s=t) for n, t in stamps.items()})
-    untouched, (sentence,) = with_one_clock(later, comparisons(later, [(1.0, 26.0)]))
+    untouched, (sentence,) = with_one_clock(later, spans)
     assert (untouched, "At no offset" in sentence) == (later, True)
+
+
+def test_a_velocity_of_another_sensor_keeps_its_clock():
+    log = body_flown(duration=20.0, seed=5, sensors=Sensors(*[Sensor()] * 5)).recording
+    late = {name: replace(log.channel(name), time_s=log.channel(name).time_s + 0.012) for name in ATTITUDE}
+    alone, (sentence,) = with_one_clock(replace(log, channels={**log.channels, **late}), [(1.0, 20.0)])
+    assert "it, without the velocity, is put on its clock" in sentence
+    assert alone.channel("velocity_x") is log.channel("velocity_x")
 
 
 @pytest.mark.parametrize("turning", [1.0, 0.0])

@@ -90,6 +90,12 @@ def test_even_stamps_may_be_in_step_with_a_slower_loop():
     assert len(open_parts(flight, results=delayed)["roll_gain"]) == 1  # the delay takes it up
 
 
+def test_references_that_disagree_lengthen_the_intervals_of_all_that_they_determine():
+    names = {name for name in regression.QUANTITIES if name.startswith(("product", "roll_by", "drag"))}
+    part = verdict.PARTS[0]
+    assert {*names, "roll_coupling", "lag_asymmetry", "yaw_damping"} <= {*part.quantities}
+
+
 def test_a_part_that_changes_no_interval_is_not_reported():
     flight = replace(logged_at(0.0), locked_s=1e-9)
     assert not open_parts(flight)
@@ -143,7 +149,8 @@ def log_wind():
 
 def wind_of(log):
     flight = prepared(log)
-    return verdict.steady_wind(BODY.problem((flight,), NoInstruments()), AT, (flight,))
+    problem = BODY.problem((flight,), NoInstruments())
+    return verdict.steady_wind(verdict.with_air_at_rest(problem, AT, BODY._made_of), (flight,))
 
 
 def test_a_steady_wind_is_told_and_calm_air_is_not_called_windy(log_wind):

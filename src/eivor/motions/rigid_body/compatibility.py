@@ -123,6 +123,11 @@ class Comparison:
         return float(value) if abs(value) > max(SURE * error, LEAST_OFFSET_S) else 0.0
 
     @property
+    def left(self) -> Float[np.ndarray, " stretches"]:
+        """Power of what the sensor and kinematics differ by."""
+        return np.asarray((np.abs(self.measured - self.derived) ** 2).sum(axis=(1, 2)))
+
+    @property
     def searched_in_vain(self) -> bool:
         """Whether the offset is an end of the search, which is no measurement."""
         offset = self._offset(self.coherent, slice(None)) if self.coherent.any() else 0.0
@@ -215,13 +220,13 @@ def _comparison(
 
 
 def with_one_clock(
-    log: Recording, items: Iterable[Comparison], cutoff_hz: float | None = None
+    log: Recording, spans_s: Sequence[tuple[float, float]], cutoff_hz: float | None = None
 ) -> tuple[Recording, tuple[str, ...]]:
     """The log with attitude, velocity and position on the gyroscope's clock where they are surely off it."""
     # the equations have the low-pass of the vehicle file, less what a reader has taken out
     rate = log.channels.get(RATES[0])
     filter_s = low_pass_delay_s(cutoff_hz) - rate.delay_s if cutoff_hz and rate else 0.0
-    compared = next((item for item in items if item.sensor == "gyroscope"), None)
+    compared = next((item for item in comparisons(log, spans_s) if item.sensor == "gyroscope"), None)
     offset = compared.offset_s(filter_s) if compared else 0.0
     if not offset:
         sentence = (
@@ -229,16 +234,28 @@ def with_one_clock(
             "says: check its four parts, their signs, and the stamps of both."
         )
         return log, (sentence,) if compared and compared.searched_in_vain else ()
-    names = (*dynamics.ATTITUDE, *dynamics.VELOCITY, *dynamics.POSITION)
-    channels = {
-        name: replace(channel, time_s=channel.time_s + offset) if name in names else channel
-        for name, channel in log.channels.items()
-    }
+
+    def moved(names: Sequence[str]) -> Recording:
+        channels = {
+            name: replace(item, time_s=item.time_s + offset, delay_s=item.delay_s - offset)
+            for name, item in log.channels.items()
+            if name in names
+        }
+        return replace(log, channels={**log.channels, **channels})
+
+    # most estimators make the velocity with the attitude; the accelerometer shows which do not
+    alike = moved((*dynamics.ATTITUDE, *dynamics.VELOCITY, *dynamics.POSITION))
+    alone, left = moved(dynamics.ATTITUDE), []
+    for item in (alike, alone):
+        left += [made.left for made in comparisons(item, spans_s) if made.sensor == "accelerometer"]
+    gained = np.log(left[0] / left[1]) if len(left) == 2 and left[0].size == left[1].size else np.zeros(2)
+    separate = gained.mean() > SURE * gained.std(ddof=1) / np.sqrt(gained.size)
+    what = "it, without the velocity, is" if separate else "attitude, velocity and position are"
     sentence = (
         f"The attitude is {1e3 * abs(offset):.1f} ms {'ahead of' if offset > 0.0 else 'behind'} the "
-        "gyroscope: attitude, velocity and position are put on its clock."
+        f"gyroscope: {what} put on its clock."
     )
-    return replace(log, channels=channels), (sentence,)
+    return alone if separate else alike, (sentence,)
 
 
 # -- Wind --

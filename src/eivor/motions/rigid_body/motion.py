@@ -27,7 +27,7 @@ from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, Warm
 from eivor.motions.equation import AxisEquation, DeclaredMotion, simple_models
 from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, excitation, rate_panel, refuse_degrees
 from eivor.motions.rigid_body import regression, verdict
-from eivor.motions.rigid_body.compatibility import comparisons, in_still_air, with_one_clock
+from eivor.motions.rigid_body.compatibility import in_still_air, with_one_clock
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import NOT_NEGATIVE, refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
@@ -127,7 +127,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     log, stamp_findings = with_corrected_stamps(log)
     check_vehicle(log, options)
     spans_s, original = (options.window or log.span_s,), log
-    log, clock_notes = with_one_clock(log, comparisons(log, spans_s), vehicle.gyro_cutoff_hz)
+    log, clock_notes = with_one_clock(log, spans_s, vehicle.gyro_cutoff_hz)
     log, wind = in_still_air(log, spans_s)
     remedy = "Log the rotor commands or speeds at 100 Hz or more"
     family, commands = chosen_input(log, TABLES.channels.inputs, options.input, remedy=remedy)
@@ -348,15 +348,6 @@ def settled(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) ->
     return replace(result, mask=result.mask & converged)
 
 
-def refined(
-    problem: LaggedRuns, solve: motion.Solver[LaggedRuns], _options: FlightOptions, /
-) -> tuple[LaggedRuns, Estimate]:
-    """With the structure that the flights show, and one inertia of the rotors where they identify it."""
-    problem, estimate, left_out = refined_structure(problem, solve(problem), solve)
-    problem, estimate = refined_band(*verdict.refined_rotor_inertia(problem, estimate, solve), solve)
-    return problem, replace(estimate, left_out=left_out)
-
-
 @dataclass(frozen=True)
 class RigidBody(DeclaredMotion[LaggedRuns]):
     """Turning about three axes and the force along them, behind the lag of the rotors."""
@@ -381,7 +372,7 @@ class RigidBody(DeclaredMotion[LaggedRuns]):
                 lambda record: replace(self, vehicle=vehicle_from_record(record)),
             ),
             check=lambda _options: self.known_vehicle,
-            refined=refined,
+            refined=self._refined,
             prediction=motion.Prediction(
                 simple_models,
                 multi_step=lambda flights, models, refused: rigid_body_prediction(
@@ -428,6 +419,21 @@ class RigidBody(DeclaredMotion[LaggedRuns]):
         surrogates = tuple(map(noisier, flights))
         return replace(problem, noisier=self.lagged_runs(surrogates, NoInstruments()))
 
+    def _made_of(self, flights: Sequence[PreparedFlight]) -> LaggedRuns:
+        return self.problem(tuple(flights), NoInstruments())
+
+    def _refined(
+        self, problem: LaggedRuns, solve: motion.Solver[LaggedRuns], _options: FlightOptions, /
+    ) -> tuple[LaggedRuns, Estimate]:
+        """Less steady winds, with the structure that the flights show, and one inertia of the rotors."""
+        estimate = solve(problem)
+        for _ in range(PASSES):
+            calm = verdict.with_air_at_rest(problem, estimate.nuisances, self._made_of)
+            problem, estimate = (problem, estimate) if calm is problem else (calm, solve(calm))
+        problem, estimate, left_out = refined_structure(problem, estimate, solve)
+        problem, estimate = refined_band(*verdict.refined_rotor_inertia(problem, estimate, solve), solve)
+        return problem, replace(estimate, left_out=left_out)
+
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         joint, (ratio, by_joint) = joint_quantities(estimate), verdict.hover_over_usual(problem, estimate)
         at_hover = {
@@ -469,10 +475,9 @@ class RigidBody(DeclaredMotion[LaggedRuns]):
         order = verdict.observed_order(flights, self.known_vehicle)
         if order is not None:
             return verdict.RigidBodyChecks(order, filter_early_s=early_s)
-        wind = verdict.steady_wind(problem, estimate.nuisances, flights)
+        wind = verdict.steady_wind(problem, flights)
         lags = verdict.lag_consistency_test(estimate)
-        made_of = partial(self.lagged_runs, rule=NoInstruments())
-        by_wind = verdict.half_widths_by_wind(problem, estimate, flights, made_of)
+        by_wind = verdict.half_widths_by_wind(problem, estimate, flights, self._made_of)
         shifts = verdict.possible_shifts(estimate, lags)
         refined = estimate.unrefined is not None
         return verdict.RigidBodyChecks(None, wind, lags, early_s, by_wind, shifts, refined)

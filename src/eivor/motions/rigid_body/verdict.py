@@ -32,7 +32,7 @@ from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import regression as terms
 from eivor.motions.rigid_body import vehicle as vehicles
 from eivor.motions.rigid_body.compatibility import wind_of
-from eivor.motions.rigid_body.dynamics import VELOCITY
+from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY
 from eivor.motions.rigid_body.physical_parameters import Combinations
 from eivor.motions.rigid_body.regression import DRAG, GAIN, GYROSCOPIC_MOMENT, PRODUCT
 from eivor.motions.rigid_body.vehicle import OF_INERTIAS, YAW_OVER_ROLL, KnownVehicle, inertia_ratios
@@ -43,6 +43,9 @@ from eivor.tools import Complex, Float
 #: An onboard filter runs at its logged rate or so many times its cutoff, whichever is more.
 STEPS_OF_FILTER = 4.0
 
+#: Makes the problem of flights.
+Made = Callable[[Sequence[PreparedFlight]], LaggedRuns]
+
 LAGS = (ACTUATOR_LAG.name, lagged_runs.DELAY.name, EFFECTIVE_LAG, *lagged_runs.LAGS_UP_AND_DOWN)
 
 
@@ -51,6 +54,12 @@ def _early(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
     early_s, lag_s = inputs.checks.filter_early_s, inputs.value(EFFECTIVE_LAG)
     share = early_s / lag_s if lag_s > early_s else 0.0
     return (0.0, share * lag_s) if name in LAGS else (share * abs(inputs.value(name)), 0.0)
+
+
+def gyroscope_late_s(inputs: verdict.VerdictInputs) -> float:
+    """By what the gyroscope is behind attitudes whose stamps were moved to its clock [s]."""
+    attitudes = (flight.recording.channels.get(ATTITUDE[0]) for flight in inputs.flights)
+    return max([0.0, *(-item.delay_s for item in attitudes if item)])
 
 
 def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
@@ -381,29 +390,76 @@ SURE, LEAST_SPEED = 0.999, 0.5
 _WIND = (Parameter("wind_drag_x", "m/s^2"), Parameter("wind_drag_y", "m/s^2"))
 
 
-def steady_wind(
-    problem: LaggedRuns, nuisance_values: Values, flights: Sequence[PreparedFlight]
-) -> Contradiction | None:
-    """The strongest wind that a flight shows; None where none does, or no drag across is identified."""
+def flights_of(problem: LaggedRuns) -> list[PreparedFlight]:
+    """Flights of the columns of a problem, with the air at rest."""
+    flights = {column.flight: terms.body_equation(column).rotors.flight for column in problem.columns}
+    return [flights[number] for number in sorted(flights)]
+
+
+def steady_winds(problem: LaggedRuns, nuisance_values: Values) -> list[tuple[Estimate, float] | None]:
+    """Drag by a steady wind that is left over each flight, and drag of its velocity; None of unknown ones."""
     if not set(terms.QUADRATIC_DRAG[:2]) <= set(problem.parameters):
+        return []
+    flights = enumerate(flights_of(problem))
+    return [_of_flight(problem, nuisance_values, number, flight) for number, flight in flights]
+
+
+def sure_wind(estimate: Estimate, drag: float) -> tuple[float, float] | None:
+    """Wind along the axes of the logged velocity [m/s]; None where it is not sure."""
+    intervals = [estimate.interval(entry.name, SURE) for entry in _WIND]
+    x, y = (estimate.parameters[entry.name] / drag for entry in _WIND)
+    sure = any(low > 0.0 or high < 0.0 for low, high in intervals) and math.hypot(x, y) >= LEAST_SPEED
+    return (x, y) if sure else None
+
+
+def with_air_at_rest(problem: LaggedRuns, nuisance_values: Values, made_of: Made) -> LaggedRuns:
+    """The problem less the steady winds that flights show; itself where they show none."""
+    left = [sure_wind(*item) if item else None for item in steady_winds(problem, nuisance_values)]
+    if not any(left):
+        return problem
+    speeds = [[-speed for speed in wind or ()] for wind in left]
+    return _like(made_of(through_air(flights_of(problem), speeds)), problem)
+
+
+def through_air(flights: Sequence[PreparedFlight], speeds: Sequence[Sequence[float]]) -> list[PreparedFlight]:
+    """Flights with velocities that are greater by these."""
+    results = []
+    for flight, speed in zip(flights, speeds, strict=True):
+        logged = flight.signals.channels
+        moved = {name: logged[name] + add for name, add in zip(VELOCITY, speed, strict=False)}
+        results.append(replace(flight, signals=replace(flight.signals, channels={**logged, **moved})))
+    return results
+
+
+def _like(made: LaggedRuns, problem: LaggedRuns) -> LaggedRuns:
+    """A problem of other velocities with the instruments and bands of one."""
+    pairs = zip(made.columns, problem.columns, strict=True)
+    columns = (replace(new, instruments=old.instruments, band_hz=old.band_hz) for new, old in pairs)
+    return replace(problem, columns=tuple(columns), noisier=made.noisier, warm_start=None)
+
+
+def steady_wind(problem: LaggedRuns, flights: Sequence[PreparedFlight]) -> Contradiction | None:
+    """The strongest wind that was taken out of flights; None where none was."""
+    taken = [
+        [float(np.mean(item.signals.channel(name) - moved.signals.channel(name))) for name in VELOCITY[:2]]
+        for item, moved in zip(flights, flights_of(problem), strict=True)
+        if item.signals is not moved.signals
+    ]
+    if not taken:
         return None
-    results = [_of_flight(problem, nuisance_values, number, flight) for number, flight in enumerate(flights)]
-    winds = [item for item in results if item is not None]
-    wind = max(winds, key=lambda item: math.hypot(*item), default=None)
-    if wind is None:
-        return None
+    x, y = max(taken, key=lambda wind: math.hypot(*wind))
     return Contradiction(
-        f"A steady wind of about {math.hypot(*wind):.2g} m/s seems to have blown, which the drags along x "
-        "and y suffer from: velocities count over the ground. Gains, couplings and the lag do not.",
+        f"A steady wind of about {math.hypot(x, y):.2g} m/s seems to have blown. It is taken out of the "
+        "velocities, but not its gusts, which the drags along x and y suffer from.",
         "Fly in calm air for these drags, or log the velocity through the air.",
-        {"steady_wind_x": wind[0], "steady_wind_y": wind[1]},
+        {"steady_wind_x": x, "steady_wind_y": y},
     )
 
 
 def _of_flight(
     problem: LaggedRuns, nuisance_values: Values, number: int, flight: PreparedFlight
-) -> tuple[float, float] | None:
-    """Wind over the mean of a flight, along the axes of the logged velocity [m/s]; None for none."""
+) -> tuple[Estimate, float] | None:
+    """Drag by the mean wind over a flight, and drag of its velocity; None where they are not known."""
     signals = flight.signals
     item, nothing = np.ones(signals.sample_count), np.zeros(signals.sample_count)
     along_x = terms.on_body_axes(signals, item, nothing, nothing)
@@ -426,43 +482,35 @@ def _of_flight(
     except (DataError, EstimationError):  # too short, or a heading that stays
         return None
     drag = 0.5 * sum(estimate.parameters[entry.name] for entry in DRAG[:2])
-    intervals = [estimate.interval(entry.name, SURE) for entry in _WIND]
-    sure = any(low > 0.0 or high < 0.0 for low, high in intervals)
-    if not sure or not drag > 0.0:
-        return None
-    x, y = (estimate.parameters[entry.name] / drag for entry in _WIND)
-    return (x, y) if math.hypot(x, y) >= LEAST_SPEED else None
+    return (estimate, drag) if drag > 0.0 else None
 
 
 def half_widths_by_wind(
-    problem: LaggedRuns,
-    estimate: Estimate,
-    flights: Sequence[PreparedFlight],
-    made_of: Callable[[Sequence[PreparedFlight]], LaggedRuns],
+    problem: LaggedRuns, estimate: Estimate, flights: Sequence[PreparedFlight], made_of: Made
 ) -> dict[str, float]:
     """Errors of parameters by those of the winds that were removed, at the lag of the estimate."""
     at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
     spin = terms.body_equation(problem.columns[0]).rotors.inertia_ratios
     chosen = [item for item in PRODUCT if item in problem.parameters]
+    flying = flights_of(problem)
 
-    def by(flying: Sequence[PreparedFlight]) -> Float[np.ndarray, " k"]:
-        made = with_products(made_of(flying), estimate.parameters, chosen)
+    def by(speeds: Sequence[Sequence[float]]) -> Float[np.ndarray, " k"]:
+        made = with_products(made_of(through_air(flying, speeds)), estimate.parameters, chosen)
         made = made if spin is None else with_common_rotor_inertia(made, spin)
-        pairs = zip(made.columns, problem.columns, strict=True)
-        columns = [replace(new, instruments=old.instruments, band_hz=old.band_hz) for new, old in pairs]
-        runs = replace(problem, columns=tuple(columns), nuisances=at, warm_start=None)
+        runs = replace(_like(made, problem), nuisances=at)
         return identify(runs, by_name(estimate.method)).theta
 
-    changes = []
-    winds = [wind_of(flight.recording, [flight.span_s]) for flight in flights]
-    at_rest = by(flights) if any(wind is not None for wind in winds) else None
-    for number, (flight, wind) in enumerate(zip(flights, winds, strict=True)):
-        logged = flight.signals.channels
-        for part in () if wind is None else wind.joint_covariance.parts:
-            for axis in principal_axes(part.matrix[:2, :2], part.half_widths(0.95)).T:
-                moved = {name: logged[name] + speed for name, speed in zip(VELOCITY, axis, strict=False)}
-                other = replace(flight, signals=replace(flight.signals, channels={**logged, **moved}))
-                changes.append(by([*flights[:number], other, *flights[number + 1 :]]) - at_rest)
+    rest: list[Sequence[float]] = [()] * len(flying)
+    errors, steady = [], steady_wind(problem, flights)
+    for number, flight in enumerate(flights):
+        known, drag = wind_of(flight.recording, [flight.span_s]), 1.0
+        if known is None and steady is not None and flying[number].signals is not flight.signals:
+            known, drag = _of_flight(problem, estimate.nuisances, number, flying[number]) or (None, 1.0)
+        for part in () if known is None else known.joint_covariance.parts:
+            axes = principal_axes(part.matrix[:2, :2], part.half_widths(0.95)).T / drag
+            errors += [(*rest[:number], axis, *rest[number + 1 :]) for axis in axes]
+    at_rest = by(rest) if errors else np.zeros(0)
+    changes = [by(speeds) - at_rest for speeds in errors]
     halves = np.sqrt(np.square(changes).sum(axis=0)).tolist() if changes else ()
     return dict(zip(estimate.names, halves, strict=False))
 
@@ -562,8 +610,11 @@ ACROSS = tuple(item.name for item in (*DRAG[:2], *terms.QUADRATIC_DRAG[:2]))
 
 _TERMS = tuple(term.name for _, term in terms.TERMS)
 
+#: All that instruments determine.
+_DETERMINED = (*LAGS, lagged_runs.ASYMMETRY.name, *_TERMS, *(item.name for item in PRODUCT))
+
 PARTS = (
-    verdict.disagreement_part((*LAGS, *_GAINS)),
+    verdict.disagreement_part(_DETERMINED),
     *verdict.clock_parts(LAGS, (*_TURNING, *_SPINS), _DAMPINGS, Counts.INDEPENDENT),
     verdict.SystematicPart(
         (*LAGS, *_TURNING),
@@ -575,13 +626,22 @@ PARTS = (
         ),
     ),
     verdict.SystematicPart(
-        _TERMS,
-        Counts.INDEPENDENT,
-        lambda inputs, name: inputs.checks.by_wind.get(name, 0.0),
-        "The wind by the airspeed has an error of its own.",
+        (lagged_runs.DELAY.name, EFFECTIVE_LAG),
+        Counts.ADDED,
+        lambda inputs, _: (gyroscope_late_s(inputs), 0.0),
+        lambda inputs: (
+            "The gyroscope is behind the attitude, as behind a low-pass that the vehicle file does not name: "
+            f"the delay may be {1e3 * gyroscope_late_s(inputs):.2g} ms shorter."
+        ),
     ),
     verdict.SystematicPart(
-        (*LAGS, lagged_runs.ASYMMETRY.name, *_TERMS),
+        _DETERMINED,
+        Counts.INDEPENDENT,
+        lambda inputs, name: inputs.checks.by_wind.get(name, 0.0),
+        "The wind that was taken out has an error.",
+    ),
+    verdict.SystematicPart(
+        _DETERMINED,
         Counts.ADDED,
         lambda inputs, name: inputs.checks.shifts.get(name, 0.0),
         _shift_sentence,
