@@ -11,25 +11,20 @@ import pytest
 import eivor as ev
 from eivor.estimation.methods import by_name
 from eivor.flights.estimate import beyond_errors
-from eivor.flights.grid import upward
 from eivor.flights.motion import FIT, UNCHANGED
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import Implied, SimpleModel
 from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.compatibility import (
     comparisons,
-    in_still_air,
-    wind_table,
     with_one_clock,
 )
 from eivor.motions.rigid_body.dynamics import ATTITUDE
 from eivor.motions.rigid_body.output_error import weights_of
 from eivor.motions.rigid_body.verdict import gyroscope_late_s, hover_over_usual
 from eivor.report.document import bounded_numbers
-from eivor.signals.recording import Frame
 from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import Sensors
-from flights.flight_logs import channel
 from motions.turning_logs import BODY, body_flown
 
 
@@ -156,8 +151,9 @@ def test_kinematics_finds_clock_scale_and_bias_and_clocks_are_put_together(fligh
     moved = together.channel("attitude_w").time_s - log.channel("attitude_w").time_s
     np.testing.assert_allclose(moved, 0.012, atol=5e-4)
     assert with_one_clock(log, spans) == (log, ())
-    inputs = SimpleNamespace(flights=(SimpleNamespace(recording=together),))
-    assert gyroscope_late_s(inputs) == pytest.approx(0.012, abs=5e-4)
+    assert gyroscope_late_s(SimpleNamespace(flights=(SimpleNamespace(recording=together),))) == pytest.approx(
+        0.012, abs=5e-4
+    )
     assert with_one_clock(late, spans, cutoff_hz=18.757) == (late, ())  # a known low-pass is as late
     # the end of the search is no measurement
     stamps = {name: channel.time_s + 0.103 * (name in wrong) for name, channel in late.channels.items()}
@@ -172,29 +168,6 @@ def test_a_velocity_of_another_sensor_keeps_its_clock():
     alone, (sentence,) = with_one_clock(replace(log, channels={**log.channels, **late}), [(1.0, 20.0)])
     assert "it, without the velocity, is put on its clock" in sentence
     assert alone.channel("velocity_x") is log.channel("velocity_x")
-
-
-@pytest.mark.parametrize("turning", [1.0, 0.0])
-def test_the_airspeed_determines_the_wind_where_the_vehicle_turns(turning):
-    """3 m/s to the north and -2 m/s to the east, by a sensor that reads 4 % too much."""
-    time, rng = np.arange(0.0, 90.0, 0.1), np.random.default_rng(1)
-    heading, speed = turning * (3.0 * np.sin(0.13 * time) + 0.5 * time), 9.0 + np.sin(0.4 * time)
-    series = dict.fromkeys(("velocity_z", "attitude_x", "attitude_y"), 0.0 * time)
-    series["velocity_x"], series["velocity_y"] = speed * [np.cos(heading), np.sin(heading)] + [[3.0], [-2.0]]
-    series |= {"attitude_w": np.cos(heading / 2), "attitude_z": np.sin(heading / 2), "airspeed": 1.04 * speed}
-    noise = {name: 0.01 * rng.standard_normal(time.size) for name in series}
-    noisy = {name: channel(name, time, values + noise[name]) for name, values in series.items()}
-    log = ev.Recording("air.csv", "csv", noisy, frame=Frame.NED)
-    east, north, scale = (row.value for row in wind_table(log, [log.span_s]))
-    moved, (said,) = in_still_air(upward(log), [log.span_s])
-    speeds = np.hypot(*(moved.channel(name).values for name in ("velocity_x", "velocity_y")))
-    if turning:
-        assert [north, east, scale] == pytest.approx([3.0, -2.0, 1.04], abs=0.02)
-        assert "A wind of 3.6 m/s" in said
-        assert speeds == pytest.approx(speed, abs=0.1)
-    else:
-        assert np.isnan([north, east, scale]).all()
-        assert "hardly turned" in said
 
 
 @pytest.mark.usefixtures("coarse_search")

@@ -27,7 +27,7 @@ from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, Warm
 from eivor.motions.equation import AxisEquation, DeclaredMotion, simple_models
 from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, excitation, rate_panel, refuse_degrees
 from eivor.motions.rigid_body import regression, verdict
-from eivor.motions.rigid_body.compatibility import in_still_air, with_one_clock
+from eivor.motions.rigid_body.compatibility import with_one_clock
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import NOT_NEGATIVE, refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
@@ -128,7 +128,6 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     check_vehicle(log, options)
     spans_s, original = (options.window or log.span_s,), log
     log, clock_notes = with_one_clock(log, spans_s, vehicle.gyro_cutoff_hz)
-    log, wind = in_still_air(log, spans_s)
     remedy = "Log the rotor commands or speeds at 100 Hz or more"
     family, commands = chosen_input(log, TABLES.channels.inputs, options.input, remedy=remedy)
     family = replace(family, input_map=vehicle.thrust_map)
@@ -158,7 +157,6 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
         findings=(
             *stamp_findings,
             *(Finding("clocks_apart", text) for text in clock_notes),
-            *(Finding("wind", text) for text in wind),
             *_findings(forces, moving),
         ),
         log=with_headed_references(log),
@@ -419,16 +417,13 @@ class RigidBody(DeclaredMotion[LaggedRuns]):
         surrogates = tuple(map(noisier, flights))
         return replace(problem, noisier=self.lagged_runs(surrogates, NoInstruments()))
 
-    def _made_of(self, flights: Sequence[PreparedFlight]) -> LaggedRuns:
-        return self.problem(tuple(flights), NoInstruments())
-
     def _refined(
         self, problem: LaggedRuns, solve: motion.Solver[LaggedRuns], _options: FlightOptions, /
     ) -> tuple[LaggedRuns, Estimate]:
         """Less steady winds, with the structure that the flights show, and one inertia of the rotors."""
-        estimate = solve(problem)
+        estimate, made_of = solve(problem), partial(self.problem, rule=NoInstruments())
         for _ in range(PASSES):
-            calm = verdict.with_air_at_rest(problem, estimate.nuisances, self._made_of)
+            calm = verdict.with_air_at_rest(problem, estimate.nuisances, made_of)
             problem, estimate = (problem, estimate) if calm is problem else (calm, solve(calm))
         problem, estimate, left_out = refined_structure(problem, estimate, solve)
         problem, estimate = refined_band(*verdict.refined_rotor_inertia(problem, estimate, solve), solve)
@@ -477,7 +472,8 @@ class RigidBody(DeclaredMotion[LaggedRuns]):
             return verdict.RigidBodyChecks(order, filter_early_s=early_s)
         wind = verdict.steady_wind(problem, flights)
         lags = verdict.lag_consistency_test(estimate)
-        by_wind = verdict.half_widths_by_wind(problem, estimate, flights, self._made_of)
+        made_of = partial(self.problem, rule=NoInstruments())
+        by_wind = verdict.half_widths_by_wind(problem, estimate, flights, made_of)
         shifts = verdict.possible_shifts(estimate, lags)
         refined = estimate.unrefined is not None
         return verdict.RigidBodyChecks(None, wind, lags, early_s, by_wind, shifts, refined)

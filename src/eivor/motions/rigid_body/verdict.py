@@ -31,7 +31,6 @@ from eivor.motions.equation import DrivenColumns, Term
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import regression as terms
 from eivor.motions.rigid_body import vehicle as vehicles
-from eivor.motions.rigid_body.compatibility import wind_of
 from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY
 from eivor.motions.rigid_body.physical_parameters import Combinations
 from eivor.motions.rigid_body.regression import DRAG, GAIN, GYROSCOPIC_MOMENT, PRODUCT
@@ -396,39 +395,33 @@ def flights_of(problem: LaggedRuns) -> list[PreparedFlight]:
     return [flights[number] for number in sorted(flights)]
 
 
-def steady_winds(problem: LaggedRuns, nuisance_values: Values) -> list[tuple[Estimate, float] | None]:
-    """Drag by a steady wind that is left over each flight, and drag of its velocity; None of unknown ones."""
-    if not set(terms.QUADRATIC_DRAG[:2]) <= set(problem.parameters):
-        return []
-    flights = enumerate(flights_of(problem))
-    return [_of_flight(problem, nuisance_values, number, flight) for number, flight in flights]
-
-
-def sure_wind(estimate: Estimate, drag: float) -> tuple[float, float] | None:
-    """Wind along the axes of the logged velocity [m/s]; None where it is not sure."""
-    intervals = [estimate.interval(entry.name, SURE) for entry in _WIND]
-    x, y = (estimate.parameters[entry.name] / drag for entry in _WIND)
-    sure = any(low > 0.0 or high < 0.0 for low, high in intervals) and math.hypot(x, y) >= LEAST_SPEED
-    return (x, y) if sure else None
-
-
 def with_air_at_rest(problem: LaggedRuns, nuisance_values: Values, made_of: Made) -> LaggedRuns:
     """The problem less the steady winds that flights show; itself where they show none."""
-    left = [sure_wind(*item) if item else None for item in steady_winds(problem, nuisance_values)]
-    if not any(left):
-        return problem
-    speeds = [[-speed for speed in wind or ()] for wind in left]
-    return _like(made_of(through_air(flights_of(problem), speeds)), problem)
+    flights = flights_of(problem)
+    calm = [_in_calm_air(problem, nuisance_values, *numbered) for numbered in enumerate(flights)]
+    moved = any(new is not old for new, old in zip(calm, flights, strict=True))
+    return _like(made_of(calm), problem) if moved else problem
 
 
-def through_air(flights: Sequence[PreparedFlight], speeds: Sequence[Sequence[float]]) -> list[PreparedFlight]:
-    """Flights with velocities that are greater by these."""
-    results = []
-    for flight, speed in zip(flights, speeds, strict=True):
-        logged = flight.signals.channels
-        moved = {name: logged[name] + add for name, add in zip(VELOCITY, speed, strict=False)}
-        results.append(replace(flight, signals=replace(flight.signals, channels={**logged, **moved})))
-    return results
+def _in_calm_air(
+    problem: LaggedRuns, nuisance_values: Values, number: int, flight: PreparedFlight
+) -> PreparedFlight:
+    """The flight less its steady wind; itself where none is sure."""
+    estimate, drag = _of_flight(problem, nuisance_values, number, flight)
+    if estimate is None:
+        return flight
+    wind = [estimate.parameters[entry.name] / drag for entry in _WIND]
+    sure = any(low > 0.0 or high < 0.0 for low, high in (estimate.interval(e.name, SURE) for e in _WIND))
+    return (
+        _faster(flight, [-speed for speed in wind]) if sure and math.hypot(*wind) >= LEAST_SPEED else flight
+    )
+
+
+def _faster(flight: PreparedFlight, speed: Sequence[float]) -> PreparedFlight:
+    """The flight with this added to its velocity."""
+    logged = flight.signals.channels
+    moved = {name: logged[name] + add for name, add in zip(VELOCITY, speed, strict=False)}
+    return replace(flight, signals=replace(flight.signals, channels={**logged, **moved}))
 
 
 def _like(made: LaggedRuns, problem: LaggedRuns) -> LaggedRuns:
@@ -458,8 +451,10 @@ def steady_wind(problem: LaggedRuns, flights: Sequence[PreparedFlight]) -> Contr
 
 def _of_flight(
     problem: LaggedRuns, nuisance_values: Values, number: int, flight: PreparedFlight
-) -> tuple[Estimate, float] | None:
-    """Drag by the mean wind over a flight, and drag of its velocity; None where they are not known."""
+) -> tuple[Estimate | None, float]:
+    """Drag by the mean wind over a flight, None where it is not known, and drag of its velocity."""
+    if not set(terms.QUADRATIC_DRAG[:2]) <= set(problem.parameters):
+        return None, 1.0
     signals = flight.signals
     item, nothing = np.ones(signals.sample_count), np.zeros(signals.sample_count)
     along_x = terms.on_body_axes(signals, item, nothing, nothing)
@@ -480,9 +475,9 @@ def _of_flight(
         runs = LaggedRuns(columns, (*_WIND, *terms.QUADRATIC_DRAG[:2], *DRAG[:2]), known)
         estimate = identify(runs, by_name("whitened_least_squares"))
     except (DataError, EstimationError):  # too short, or a heading that stays
-        return None
+        return None, 1.0
     drag = 0.5 * sum(estimate.parameters[entry.name] for entry in DRAG[:2])
-    return (estimate, drag) if drag > 0.0 else None
+    return (estimate if drag > 0.0 else None), drag
 
 
 def half_widths_by_wind(
@@ -494,23 +489,21 @@ def half_widths_by_wind(
     chosen = [item for item in PRODUCT if item in problem.parameters]
     flying = flights_of(problem)
 
-    def by(speeds: Sequence[Sequence[float]]) -> Float[np.ndarray, " k"]:
-        made = with_products(made_of(through_air(flying, speeds)), estimate.parameters, chosen)
+    def by(number: int, speed: Float[np.ndarray, " 2"]) -> Float[np.ndarray, " k"]:
+        moved = [*flying[:number], _faster(flying[number], speed.tolist()), *flying[number + 1 :]]
+        made = with_products(made_of(moved), estimate.parameters, chosen)
         made = made if spin is None else with_common_rotor_inertia(made, spin)
         runs = replace(_like(made, problem), nuisances=at)
         return identify(runs, by_name(estimate.method)).theta
 
-    rest: list[Sequence[float]] = [()] * len(flying)
-    errors, steady = [], steady_wind(problem, flights)
+    changes = []
     for number, flight in enumerate(flights):
-        known, drag = wind_of(flight.recording, [flight.span_s]), 1.0
-        if known is None and steady is not None and flying[number].signals is not flight.signals:
-            known, drag = _of_flight(problem, estimate.nuisances, number, flying[number]) or (None, 1.0)
+        if flying[number].signals is flight.signals:
+            continue
+        known, drag = _of_flight(problem, estimate.nuisances, number, flying[number])
         for part in () if known is None else known.joint_covariance.parts:
             axes = principal_axes(part.matrix[:2, :2], part.half_widths(0.95)).T / drag
-            errors += [(*rest[:number], axis, *rest[number + 1 :]) for axis in axes]
-    at_rest = by(rest) if errors else np.zeros(0)
-    changes = [by(speeds) - at_rest for speeds in errors]
+            changes += [0.5 * (by(number, axis) - by(number, -axis)) for axis in axes]
     halves = np.sqrt(np.square(changes).sum(axis=0)).tolist() if changes else ()
     return dict(zip(estimate.names, halves, strict=False))
 
