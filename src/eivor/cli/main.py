@@ -112,11 +112,8 @@ def _add(made: typer.Typer, name: str, target: str, panel: str | None) -> None:
     except ModuleNotFoundError as error:
         if name != "serve" or (error.name or "").startswith("eivor"):
             raise
-        raise InputError(
-            f"the packages of eivor {name}",
-            f"no package '{error.name}'",
-            f"Install them: pip install 'eivor[{name}]'.",
-        ) from error
+        remedy = f"Install them: pip install 'eivor[{name}]'."
+        raise InputError(f"the packages of eivor {name}", f"no package '{error.name}'", remedy) from error
     command = getattr(module, attribute)
     if isinstance(command, typer.Typer):
         made.add_typer(command, rich_help_panel=panel)

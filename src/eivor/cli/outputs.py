@@ -197,11 +197,8 @@ def printing() -> Iterator[None]:
         raise
     except OSError as error:
         _drop_standard_output()
-        raise InputError(
-            expected,
-            f"one for which the system says: {error.strerror or error}",
-            "Make room there, or print elsewhere.",
-        ) from error
+        received = f"one for which the system says: {error.strerror or error}"
+        raise InputError(expected, received, "Make room there, or print elsewhere.") from error
 
 
 def _drop_standard_output() -> None:
@@ -380,11 +377,8 @@ def guard_outputs(context: Any) -> None:
             keep_inputs(name, item.paths(text))
     for (first, path, patterns), (second, other, others) in combinations(outputs, 2):
         if _overwrites(path, patterns, other) or _overwrites(other, others, path):
-            raise UsageError(
-                f"different files for {first} and {second}",
-                f"'{other}', which both would write",
-                f"Give {second} another name.",
-            )
+            expected = f"different files for {first} and {second}"
+            raise UsageError(expected, f"'{other}', which both would write", f"Give {second} another name.")
     for name, path, patterns in outputs:
         if not patterns and str(path) != STANDARD_OUTPUT:
             output_file(str(path), option=name)
@@ -407,11 +401,9 @@ def keep_inputs(name: str, paths: Iterable[Path]) -> None:
         key = _file_id(source)
         if key is not None and key in replaced:
             option, path = replaced[key]
-            raise UsageError(
-                f"a name for {option} that replaces no file that the command reads",
-                f"'{path}', which would replace '{source}' of {name}",
-                f"Give {option} another name.",
-            )
+            expected = f"a name for {option} that replaces no file that the command reads"
+            remedy = f"Give {option} another name."
+            raise UsageError(expected, f"'{path}', which would replace '{source}' of {name}", remedy)
 
 
 def _files_in(folder: Path, patterns: Iterable[str]) -> Iterator[Path]:

@@ -54,11 +54,8 @@ def parse_window(text: str) -> Window:
     """Window of ``START:END`` in seconds; an end left out is that of the log."""
     start, end = parse_pair(text)
     if not start < end:
-        raise UsageError(
-            "a window START:END with START before END",
-            f"'{text}'",
-            "Give both in seconds from the log's start, such as 4:67; one of them may be left out.",
-        )
+        remedy = "Give both in seconds from the log's start, such as 4:67; one of them may be left out."
+        raise UsageError("a window START:END with START before END", f"'{text}'", remedy)
     return start, end
 
 
@@ -96,11 +93,9 @@ def parse_names(text: str) -> tuple[str, ...]:
     """Names of a list with commas."""
     result = tuple(name.strip() for name in text.split(",") if name.strip())
     if not result or (len(result) > 1 and {"references", "lags"} & set(result)):
-        raise UsageError(
-            "instruments: references, lags, or names of channels with commas between them",
-            f"'{text}'",
-            "Give references or lags alone. `eivor inspect LOG` lists the channels.",
-        )
+        expected = "instruments: references, lags, or names of channels with commas between them"
+        remedy = "Give references or lags alone. `eivor inspect LOG` lists the channels."
+        raise UsageError(expected, f"'{text}'", remedy)
     return result
 
 
@@ -172,17 +167,11 @@ def read_logs(words: LogWords, options: FlightOptions) -> tuple[list[Recording],
     logs, channel_map = [log_argument(text) for text in words.logs or ()], words.channel_map
     windows = [window for _, window in logs] or [None]
     if words.example == bool(logs):
-        raise UsageError(
-            "one or more logs, or --example",
-            "both" if words.example else "neither",
-            "Name a file such as flight.ulg, or try the command with --example.",
-        )
+        remedy = "Name a file such as flight.ulg, or try the command with --example."
+        raise UsageError("one or more logs, or --example", "both" if words.example else "neither", remedy)
     if words.example and channel_map:
-        raise UsageError(
-            "--map with a log",
-            f"--example with --map {channel_map}",
-            "Leave the map out: the example has canonical channels.",
-        )
+        remedy = "Leave the map out: the example has canonical channels."
+        raise UsageError("--map with a log", f"--example with --map {channel_map}", remedy)
     loaded, paths = {}, [path for path, _ in logs]
     for path in dict.fromkeys(paths):
         typed = str(path)
@@ -307,17 +296,13 @@ def flight_options(motions: Motions, words: FlightWords) -> FlightOptions:
     """Options of the library, checked before any log is read."""
     chosen = by_name(words.method)
     if words.instruments and not (words.compare or chosen.of_flights.needs_instruments):
-        raise UsageError(
-            "--instruments with a method that has instruments, or with --compare",
-            f"--instruments {words.instruments} with --method {words.method}",
-            f"Leave them out: {words.method} uses none.",
-        )
+        expected = "--instruments with a method that has instruments, or with --compare"
+        remedy = f"Leave them out: {words.method} uses none."
+        raise UsageError(expected, f"--instruments {words.instruments} with --method {words.method}", remedy)
     if words.accelerometer_bias is not None and words.input_map != FIT_MAP:
-        raise UsageError(
-            "--accelerometer-bias with --input-map fit, which rests on it",
-            f"--input-map {words.input_map}" if words.input_map else "it alone",
-            "Leave it out.",
-        )
+        received = f"--input-map {words.input_map}" if words.input_map else "it alone"
+        remedy = "Leave it out."
+        raise UsageError("--accelerometer-bias with --input-map fit, which rests on it", received, remedy)
     bias = ACCELEROMETER_BIAS if words.accelerometer_bias is None else words.accelerometer_bias
     options = FlightOptions(
         window=parse_window(words.window) if words.window else None,
@@ -368,11 +353,9 @@ def lag_prior(text: str, file: str) -> Prior | Bounds | None:
     lags = [fit.quantities[EFFECTIVE_LAG] for fit in fits if EFFECTIVE_LAG in fit.quantities]
     result = max(lags, key=lambda lag: lag.verdict is Status.IDENTIFIED, default=None)
     if result is None or result.verdict is Status.REFUSED or not 0.0 < result.half_width < math.inf:
-        raise UsageError(
-            f"a result in '{file}' that identifies the effective lag",
-            "one without" if result is None else f"one whose lag is {result.verdict.value}",
-            "Give the lag by --lag MS:STD, or the result of a flight that identifies it.",
-        )
+        received = "one without" if result is None else f"one whose lag is {result.verdict.value}"
+        remedy = "Give the lag by --lag MS:STD, or the result of a flight that identifies it."
+        raise UsageError(f"a result in '{file}' that identifies the effective lag", received, remedy)
     # half a 95 % interval, the choice of the delay included, is two standard deviations at most
     return Prior(result.value, max(result.half_width / 2.0, result.std_error))
 
@@ -380,11 +363,8 @@ def lag_prior(text: str, file: str) -> Prior | Bounds | None:
 def check_mission(qgc: str, home: str, shape: str) -> None:
     """Refuse a mission without a place, a place without a mission."""
     if bool(qgc) != bool(home):
-        raise UsageError(
-            "--qgc FILE.plan together with --home LAT,LON",
-            "one without the other",
-            "A mission of QGroundControl is at a place: --qgc flight.plan --home 47.3977,8.5456.",
-        )
+        remedy = "A mission of QGroundControl is at a place: --qgc flight.plan --home 47.3977,8.5456."
+        raise UsageError("--qgc FILE.plan together with --home LAT,LON", "one without the other", remedy)
     if qgc and shape not in ("", "steps"):
         raise UsageError("--shape steps with --qgc", f"--shape {shape}", "A mission has levels only.")
 

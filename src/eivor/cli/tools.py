@@ -77,18 +77,13 @@ def local_file(log: PublicLog, *, folder: Path) -> Path:
         patient = pooch.HTTPDownloader(timeout=TIMEOUT_S)
         result = pooch.retrieve(log.url, f"sha256:{log.sha256}", **to, downloader=patient)
     except ValueError as error:
-        raise CorruptLogError(
-            f"'{log.file_name}' with the SHA-256 {log.sha256[:12]}...",
-            f"another content from {log.url}",
-            "Try again later; nothing was kept. If it persists, the file has changed at its origin.",
-        ) from error
+        expected = f"'{log.file_name}' with the SHA-256 {log.sha256[:12]}..."
+        remedy = "Try again later; nothing was kept. If it persists, the file has changed at its origin."
+        raise CorruptLogError(expected, f"another content from {log.url}", remedy) from error
     except OSError as error:  # every error of requests is one
         wrong = f"; and '{target}' is there with another content" if target.is_file() else ""
-        raise InputError(
-            f"a download of {log.url} to {folder}",
-            f"{_cause(error)}{wrong}",
-            f"Check the network, or put the file there yourself; {CACHE_VARIABLE} names another folder.",
-        ) from error
+        remedy = f"Check the network, or put the file there yourself; {CACHE_VARIABLE} names another folder."
+        raise InputError(f"a download of {log.url} to {folder}", f"{_cause(error)}{wrong}", remedy) from error
     return Path(result)
 
 
@@ -238,11 +233,8 @@ def plan(
 def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path:
     typed = {name: value for name, value in rough.items() if value is not None}
     if source and typed:
-        raise UsageError(
-            "a result, or rough numbers as options",
-            f"'{source}' and {', '.join(f'--{name}' for name in typed)}",
-            "Leave out one of them.",
-        )
+        received = f"'{source}' and {', '.join(f'--{name}' for name in typed)}"
+        raise UsageError("a result, or rough numbers as options", received, "Leave out one of them.")
     numbers: dict[str, Any] = {ROUGH[name]: value for name, value in typed.items()}
     return Path(source) if source else VehicleGuess(**numbers)
 

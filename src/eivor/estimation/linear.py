@@ -533,14 +533,9 @@ def _collinear(matrix: Float[np.ndarray, "m n"], parameters: Sequence[Parameter]
     names, lengths = [parameter.name for parameter in parameters], np.linalg.norm(matrix, axis=0)
     still = [name for name, length in zip(names, lengths, strict=True) if not length > 0.0]
     if still:
-        return CollinearError(
-            "regressors that vary",
-            f"a column that is zero, of {', '.join(still)}",
-            "Choose a window in which the channel moves, or leave the parameter out.",
-        )
+        remedy = "Choose a window in which the channel moves, or leave the parameter out."
+        return CollinearError("regressors that vary", f"a column that is zero, of {', '.join(still)}", remedy)
     equal = _in_smallest(matrix / lengths, parameters)
-    return CollinearError(
-        "linearly independent regressors",
-        f"those of {equal}, of which one is a combination of the others",
-        "Give data in which they move independently, or leave one of the parameters out.",
-    )
+    expected = "linearly independent regressors"
+    remedy = "Give data in which they move independently, or leave one of the parameters out."
+    return CollinearError(expected, f"those of {equal}, of which one is a combination of the others", remedy)

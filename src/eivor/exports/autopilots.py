@@ -208,11 +208,8 @@ def _betaflight(fitted: Fitted, supplied: Supplied) -> Exported:
     supplied.check_only((), "betaflight", body=False)
     fitted.check_vertical("Betaflight")
     if not set(fitted.formats) <= {"blackbox"} or fitted.curve_side is CurveSide.BEFORE:
-        raise UsageError(
-            "motor outputs of a Betaflight log",
-            f"'{fitted.input}' of {', '.join(fitted.formats)}",
-            "Give its log.",
-        )
+        expected = "motor outputs of a Betaflight log"
+        raise UsageError(expected, f"'{fitted.input}' of {', '.join(fitted.formats)}", "Give its log.")
     curve = fitted.identified_number(CURVE)
     if curve is None:
         unwritten = f"thrust_linear is not written: {fitted.why_not(CURVE)} Identify with --input-map fit."

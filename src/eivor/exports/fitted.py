@@ -66,11 +66,8 @@ VERTICAL = "vertical_motion"
 def known_number(value: float, std: float = 0.0) -> KnownNumber:
     """Number that a user gives to an export."""
     if not (math.isfinite(value) and 0.0 <= std < math.inf):
-        raise UsageError(
-            "a number and a standard deviation that is not below zero",
-            f"{value}:{std}",
-            "Give 1.53:0.02, for example.",
-        )
+        remedy = "Give 1.53:0.02, for example."
+        raise UsageError("a number and a standard deviation that is not below zero", f"{value}:{std}", remedy)
     return KnownNumber(value, std)
 
 
@@ -163,11 +160,8 @@ class Fitted:
 
     def check_vertical(self, target: str) -> None:
         if self.model != VERTICAL:
-            raise UsageError(
-                f"a result of the vertical motion for {target}",
-                f"one of {self.model}",
-                "Identify the log with --model vertical.",
-            )
+            remedy = "Identify the log with --model vertical."
+            raise UsageError(f"a result of the vertical motion for {target}", f"one of {self.model}", remedy)
 
     def is_identified(self, name: str) -> bool:
         """Whether there is such a quantity, and it is identified, or its verdict is accepted."""

@@ -152,11 +152,8 @@ def linearised(craft: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
 
     trim = scipy.optimize.root(trim_residual, np.zeros(6), tol=1e-12).x
     if not np.abs(trim_residual(trim)).max() < TRIMMED:
-        raise EstimationError(
-            f"a vehicle that flies steadily at {speed_m_s:g} m/s",
-            "equations that it cannot hold",
-            "Fly slower.",
-        )
+        expected = f"a vehicle that flies steadily at {speed_m_s:g} m/s"
+        raise EstimationError(expected, "equations that it cannot hold", "Fly slower.")
     state = np.array([speed_m_s, 0.0, 0.0, *trim[:2], *[0.0] * 4, *speeds(trim[2:])])
     sizes = STEP * np.array([*[1.0] * 9, *state[9:]])
     A = _jacobian(lambda point: _state_dot(c, point, state[9:]), state, sizes)
@@ -276,11 +273,9 @@ def _about_rest(machine: _MachineEquations) -> StateSpace:
         for size in (STEP, 0.1 * STEP)
     )
     if not np.allclose(AB, closer, rtol=1e-3, atol=1e-6):
-        raise UsageError(
-            "equations that have slopes at rest",
-            "terms that jump there, such as dry friction",
-            "Write the whole equations: --to casadi.",
-        )
+        expected = "equations that have slopes at rest"
+        remedy = "Write the whole equations: --to casadi."
+        raise UsageError(expected, "terms that jump there, such as dry friction", remedy)
     states = (*machine.states, *(f"{name}_behind" for name in machine.acting))
     outputs, late = tuple(machine.states), machine.numbers.get("delay")
     C, D, inputs = np.eye(len(outputs), n), np.zeros((len(outputs), m)), tuple(machine.inputs)

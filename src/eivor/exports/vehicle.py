@@ -83,11 +83,9 @@ def realisable_inertia(values: Columns) -> tuple[Columns, tuple[str, ...]]:
         return realisable, ()
     text = ", ".join(f"{moment:.4g}" for moment in moments[:, 0])
     if excess[0] > NO_BODY_UNCERTAINTY:
-        raise ParameterError(
-            "moments of inertia none of which is larger than the other two together",
-            f"{text} kg m^2",
-            "Correct what is given of them; or fly as the report says, about two axes at once.",
-        )
+        expected = "moments of inertia none of which is larger than the other two together"
+        remedy = "Correct what is given of them; or fly as the report says, about two axes at once."
+        raise ParameterError(expected, f"{text} kg m^2", remedy)
     return realisable, (
         f"Moments of inertia {text} are those of no body: the largest is put at the sum of the others.",
     )
@@ -153,11 +151,9 @@ def describe(
 ) -> VehicleDescription:
     """Vehicle of a result for a simulator, with what it lacks, also beside those of `LACKS`."""
     if fitted.model not in MADE_OF:
-        raise UsageError(
-            f"a result of the vertical motion or the rigid body for {target}",
-            f"one of {fitted.model}",
-            "Identify the log with --model vertical or rigid-body.",
-        )
+        expected = f"a result of the vertical motion or the rigid body for {target}"
+        remedy = "Identify the log with --model vertical or rigid-body."
+        raise UsageError(expected, f"one of {fitted.model}", remedy)
     supplied.check_only((*MADE_OF[fitted.model].values(), *BESIDE), target, body=True)
     for name, prior in supplied.priors.items():
         if prior.value < 0.0 or (prior.value == 0.0 and name not in MAY_BE_ZERO):
@@ -199,11 +195,9 @@ def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:
     lacks += [] if vehicle is not None else ["where the rotors are (--vehicle FILE.toml)"]
     if vehicle is not None and vehicle.arm_scale is None:
         lacks.append("the arm's length (in the vehicle's file)")
-    raise NotIdentifiedError(
-        f"for {target}, what a flight does not identify: {' and '.join(lacks)}",
-        "none" if vehicle is None else f"the vehicle '{vehicle.name}'",
-        "Give it; `eivor vehicle new` writes a vehicle's file to begin with.",
-    )
+    expected = f"for {target}, what a flight does not identify: {' and '.join(lacks)}"
+    remedy = "Give it; `eivor vehicle new` writes a vehicle's file to begin with."
+    raise NotIdentifiedError(expected, "none" if vehicle is None else f"the vehicle '{vehicle.name}'", remedy)
 
 
 def _prior_numbers(fitted: Fitted, supplied: Supplied, vehicle: KnownVehicle) -> dict[str, Number]:
@@ -256,11 +250,9 @@ def _lacks(lacking: Iterable[str], missing: Missing, fitted: Fitted, target: str
     formulas = {"thrust": MADE_OF[fitted.model]["thrust"]}
     priors = " ".join(f"--prior {formulas.get(name, name)}=VALUE:STD" for name in lacking)
     words = ", ".join(WORDS[name] for name in lacking)
-    return NotIdentifiedError(
-        f"{words}, identified or given, which {target} cannot do without",
-        f"none. {reasons.strip().rstrip('.')}",
-        f"Give what is known: {priors}.{fitted.acceptance(*roots)}",
-    )
+    expected = f"{words}, identified or given, which {target} cannot do without"
+    remedy = f"Give what is known: {priors}.{fitted.acceptance(*roots)}"
+    return NotIdentifiedError(expected, f"none. {reasons.strip().rstrip('.')}", remedy)
 
 
 def _columns(
@@ -401,11 +393,9 @@ def by_quarters(vehicle: KnownVehicle, target: str) -> tuple[int, ...]:
     ]
     spins = [vehicle.spins[number] for number in order]
     if vehicle.count != len(QUARTERS) or spins not in ([1, -1, 1, -1], [-1, 1, -1, 1]):
-        raise UsageError(
-            f"four rotors for {target}, one in each quarter, neighbours of opposite spins",
-            f"rotors at {vehicle.positions} with spins {vehicle.spins}",
-            "Export to another simulator: mujoco, rotorpy, pybullet and gazebo take rotors anywhere.",
-        )
+        expected = f"four rotors for {target}, one in each quarter, neighbours of opposite spins"
+        remedy = "Export to another simulator: mujoco, rotorpy, pybullet and gazebo take rotors anywhere."
+        raise UsageError(expected, f"rotors at {vehicle.positions} with spins {vehicle.spins}", remedy)
     return tuple(order)
 
 

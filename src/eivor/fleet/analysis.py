@@ -387,11 +387,8 @@ def query(table: pl.DataFrame, what: str) -> pl.DataFrame:
         return QUERIES[what](table)
     names = fleet_table.quantity_names(table)
     if what not in names:
-        raise UsageError(
-            f"a query out of {', '.join(QUERIES)}, or a quantity of the fleet ({', '.join(names)})",
-            f"'{what}'",
-            did_you_mean(what, [*QUERIES, *names], "Name one of them."),
-        )
+        expected = f"a query out of {', '.join(QUERIES)}, or a quantity of the fleet ({', '.join(names)})"
+        raise UsageError(expected, f"'{what}'", did_you_mean(what, [*QUERIES, *names], "Name one of them."))
     columns = (pl.col(f"{what}.{part}").alias(part) for part in (*fleet_table.NUMBERS, fleet_table.VERDICT))
     return (
         table.filter(pl.col(f"{what}.{fleet_table.VERDICT}").is_not_null())

@@ -58,11 +58,9 @@ def given_covariates(file: Path) -> pl.DataFrame:
     key = next((name for name in COVARIATE_KEYS if name in table.columns), None)
     numbers = [name for name, kind in table.schema.items() if kind.is_numeric() and name != key]
     if key is None or not numbers:
-        raise InputError(
-            f"a column {' or '.join(COVARIATE_KEYS)}, and columns of numbers",
-            f"'{file}' with the columns {', '.join(table.columns)}",
-            "Write a table such as name,mass with a row for each flight.",
-        )
+        expected = f"a column {' or '.join(COVARIATE_KEYS)}, and columns of numbers"
+        remedy = "Write a table such as name,mass with a row for each flight."
+        raise InputError(expected, f"'{file}' with the columns {', '.join(table.columns)}", remedy)
     covariates = table.select(pl.col(key).cast(pl.String), pl.col(numbers).cast(pl.Float64)).drop_nulls(key)
     if covariates[key].n_unique() < covariates.height:
         twice = covariates.filter(covariates[key].is_duplicated())[key][0]
@@ -75,17 +73,12 @@ def with_covariates(table: pl.DataFrame, given: pl.DataFrame) -> pl.DataFrame:
     key, *names = given.columns
     taken = [name for name in names if name in table.columns and not table.schema[name].is_numeric()]
     if taken or any("." in name for name in names):
-        raise InputError(
-            "names of covariates, such as mass",
-            f"{', '.join(taken or names)}, which are columns of the fleet's own",
-            "Give these columns other names.",
-        )
+        received = f"{', '.join(taken or names)}, which are columns of the fleet's own"
+        raise InputError("names of covariates, such as mass", received, "Give these columns other names.")
     if not table[key].is_in(given[key].to_list()).any():
-        raise InputError(
-            f"covariates of flights of the fleet, by their {key}",
-            f"none of {given.height} rows is of one",
-            "Compare with the output of eivor fleet query FLEET QUANTITY --csv FILE.",
-        )
+        expected = f"covariates of flights of the fleet, by their {key}"
+        remedy = "Compare with the output of eivor fleet query FLEET QUANTITY --csv FILE."
+        raise InputError(expected, f"none of {given.height} rows is of one", remedy)
     joined = table.join(given, on=key, how="left", suffix=".given", maintain_order="left")
     both = [name for name in names if f"{name}.given" in joined.columns]
     joined = joined.with_columns(pl.coalesce(f"{name}.given", name).alias(name) for name in both)
@@ -192,11 +185,8 @@ def _rows(path: Path, delimiter: str) -> Iterator[dict[str, str]]:
         try:
             for row in rows:
                 if row and len(row) != len(header):
-                    raise InputError(
-                        f"{len(header)} columns in each line of '{path}', as in its first",
-                        f"{len(row)} in line {rows.line_num}",
-                        "Correct the line.",
-                    )
+                    expected = f"{len(header)} columns in each line of '{path}', as in its first"
+                    raise InputError(expected, f"{len(row)} in line {rows.line_num}", "Correct the line.")
                 if row:
                     yield dict(zip(header, row, strict=True))
         except csv.Error as error:
@@ -258,18 +248,13 @@ def logs_found(given: str) -> LogsFound:
             return LogsFound(logs, 0)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(
-            "a folder or a list of logs that can be read",
-            f"'{given}', for which the system says: {reason}",
-            "Change its permissions, or give another.",
-        ) from error
+        expected = "a folder or a list of logs that can be read"
+        remedy = "Change its permissions, or give another."
+        raise InputError(expected, f"'{given}', for which the system says: {reason}", remedy) from error
     if glob.has_magic(given):
         return _among(_globbed(given))
-    raise InputError(
-        "a folder of logs, a pattern such as 'logs/**/*.ulg', or a list of them",
-        f"'{given}', which does not exist",
-        "Check the name.",
-    )
+    expected = "a folder of logs, a pattern such as 'logs/**/*.ulg', or a list of them"
+    raise InputError(expected, f"'{given}', which does not exist", "Check the name.")
 
 
 def _globbed(pattern: str) -> Generator[tuple[str, str], None, None]:
@@ -344,11 +329,9 @@ def path_fields(pattern: str, name: str = "") -> dict[str, str]:
 def _compiled(text: str) -> re.Pattern[str]:
     keys = re.findall(r"\{(\w*)\}", text)
     if not keys or set(keys) - set(PATH_KEYS) or len(set(keys)) < len(keys):
-        raise UsageError(
-            "a pattern with {vehicle}, and {type} where the path has it, each once",
-            f"'{text}'",
-            "Write one such as '{vehicle}/*.ulg' or '**/{type}_{vehicle}_*.csv'.",
-        )
+        expected = "a pattern with {vehicle}, and {type} where the path has it, each once"
+        remedy = "Write one such as '{vehicle}/*.ulg' or '**/{type}_{vehicle}_*.csv'."
+        raise UsageError(expected, f"'{text}'", remedy)
     parts: list[str] = []
     for key, deep, star, mark, plain in _TOKENS.findall(text):
         if key:

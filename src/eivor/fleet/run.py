@@ -136,11 +136,9 @@ def run_fleet(
 ) -> FleetRun:
     """Make the rows of a fleet that are not there yet."""
     if not logs_found.logs:
-        raise InputError(
-            "a folder, a pattern or a list with logs in it",
-            f"none ({logs_found.others} other files)",
-            "Check the path; a log of a table with names of its own needs the ending .csv or .parquet.",
-        )
+        expected = "a folder, a pattern or a list with logs in it"
+        remedy = "Check the path; a log of a table with names of its own needs the ending .csv or .parquet."
+        raise InputError(expected, f"none ({logs_found.others} other files)", remedy)
     folder = folder.absolute()
     with table.report_fleet_errors(folder):
         if not folder.exists() or folder.is_dir():

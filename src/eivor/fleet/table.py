@@ -105,11 +105,8 @@ def given_maps(texts: Sequence[str]) -> tuple[tuple[str, str], ...]:
     for text in texts:
         pattern, equals, chosen = text.rpartition("=")
         if not chosen or (equals and not pattern):
-            raise UsageError(
-                f"PATTERN=MAP, with a file or one of {', '.join(shipped_maps())}",
-                f"'{text}'",
-                "Write --map 'lab/*.csv=lab.toml', for example.",
-            )
+            expected = f"PATTERN=MAP, with a file or one of {', '.join(shipped_maps())}"
+            raise UsageError(expected, f"'{text}'", "Write --map 'lab/*.csv=lab.toml', for example.")
         results.append((pattern or "*", chosen))
     return tuple(results)
 
@@ -239,19 +236,15 @@ def read_flights(folder: Path, columns: Sequence[str] | None = None) -> pl.DataF
 def _parts(folder: Path, columns: Set[str] | None) -> list[pl.DataFrame]:
     files = part_files(folder)
     if not files:
-        raise InputError(
-            "the folder of a fleet, with its table of flights",
-            f"'{folder}', which has no {FLIGHTS}/{PART}",
-            "Make one: eivor fleet run LOGS -o FOLDER.",
-        )
+        expected = "the folder of a fleet, with its table of flights"
+        remedy = "Make one: eivor fleet run LOGS -o FOLDER."
+        raise InputError(expected, f"'{folder}', which has no {FLIGHTS}/{PART}", remedy)
     try:
         return [_read_part(file, columns) for file in files]
     except (OSError, *POLARS_ERRORS) as error:
-        raise InputError(
-            f"a table of flights in '{folder}' that can be read",
-            f"{type(error).__name__}: {error}",
-            "Run `eivor fleet run` on it again, which sets damaged parts aside and makes them anew.",
-        ) from error
+        expected = f"a table of flights in '{folder}' that can be read"
+        remedy = "Run `eivor fleet run` on it again, which sets damaged parts aside and makes them anew."
+        raise InputError(expected, f"{type(error).__name__}: {error}", remedy) from error
 
 
 def _read_part(file: Path, columns: Set[str] | None) -> pl.DataFrame:

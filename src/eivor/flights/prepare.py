@@ -170,11 +170,10 @@ def _selected(
             dropped = channel.quality.duplicated_stamps + channel.quality.backward_stamps
             why = f"; {dropped} were dropped, because their stamp repeats or goes backward" if dropped else ""
             numbers = int(np.isfinite(channel.values).sum())
-            raise MissingChannelError(
-                f"values in the channel '{channel.name}' of {log.name}",
-                f"{channel.time_s.size} samples, {numbers} of them numbers{why}",
-                "Check the clock: stamps increase." if dropped else "Log it, or use another channel.",
-            )
+            expected = f"values in the channel '{channel.name}' of {log.name}"
+            received = f"{channel.time_s.size} samples, {numbers} of them numbers{why}"
+            remedy = "Check the clock: stamps increase." if dropped else "Log it, or use another channel."
+            raise MissingChannelError(expected, received, remedy)
     return selected.log or log, selected
 
 

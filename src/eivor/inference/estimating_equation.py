@@ -84,11 +84,9 @@ class EstimatingEquation:
 
 def singular_sensitivity() -> CollinearError:
     """Refusal of equations that do not distinguish the parameters from one another."""
-    return CollinearError(
-        "equations that distinguish every parameter from the others",
-        "equations that one of them, or a combination of them, hardly enters",
-        "Give data in which response and regressors move, each in its own way.",
-    )
+    received = "equations that one of them, or a combination of them, hardly enters"
+    remedy = "Give data in which response and regressors move, each in its own way."
+    return CollinearError("equations that distinguish every parameter from the others", received, remedy)
 
 
 #: Blocks shorter than this many rows are multiplied many at once.

@@ -43,11 +43,8 @@ class FlightLimits:
         checks.items("height_m", self.height_m, checks.NUMBERS, "two numbers", remedy)
         ends = [float(end) for end in self.height_m]
         if len(ends) != 2 or not 0.0 < ends[0] <= ends[-1] - 0.5 < math.inf:
-            raise UsageError(
-                "a lowest height above zero and a highest one, half a metre or more above it",
-                f"{self.height_m}",
-                remedy,
-            )
+            expected = "a lowest height above zero and a highest one, half a metre or more above it"
+            raise UsageError(expected, f"{self.height_m}", remedy)
         checks.in_ranges(self, "Give another limit.")
 
     @property
@@ -334,11 +331,8 @@ def vehicle_of_result(
             requested=next(unidentified, ""),
         )
     except (KeyError, TypeError, msgspec.ValidationError) as error:
-        raise InputError(
-            "a result of the vertical motion that says how it was flown, under prediction.flown",
-            f"one that does not ({error})",
-            "Identify the flight again.",
-        ) from error
+        expected = "a result of the vertical motion that says how it was flown, under prediction.flown"
+        raise InputError(expected, f"one that does not ({error})", "Identify the flight again.") from error
 
 
 def _in_range(name: str, numbers: Mapping[str, float]) -> float:

@@ -224,11 +224,9 @@ def _reference(flights: Sequence[PreparedFlight], path: ResponsePath, chosen: st
     if chosen:
         checks.index_of("a channel", chosen, tuple(sorted(flights[0].recording.channels)))
         if not exogenous(chosen):
-            raise InstrumentError(
-                "a reference that does not answer the vehicle",
-                f"{chosen}, which a loop makes of what is measured",
-                "Name an attitude setpoint or an injected sweep.",
-            )
+            expected = "a reference that does not answer the vehicle"
+            remedy = "Name an attitude setpoint or an injected sweep."
+            raise InstrumentError(expected, f"{chosen}, which a loop makes of what is measured", remedy)
         return chosen, []
     usable = [name for name in offered if all(name in flight.usable_references for flight in flights)]
     clean = [name for name in usable if exogenous(name)]
@@ -247,11 +245,8 @@ def _grid(flights: Sequence[PreparedFlight], slowest_hz: float) -> Float[np.ndar
     low = FIRST_CYCLES / longest
     top = min(BAND_SHARE * slowest_hz, 0.25 / flights[0].signals.step_s)
     if top < 2.0 * low:
-        raise TooFewSamplesError(
-            f"samples at {10.0 * low:.0f} Hz or more, or a run longer than {longest:.0f} s",
-            f"{slowest_hz:.3g} Hz",
-            "Log faster, or fly longer.",
-        )
+        expected = f"samples at {10.0 * low:.0f} Hz or more, or a run longer than {longest:.0f} s"
+        raise TooFewSamplesError(expected, f"{slowest_hz:.3g} Hz", "Log faster, or fly longer.")
     return np.geomspace(low, top, FREQUENCIES)
 
 

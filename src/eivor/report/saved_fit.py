@@ -88,11 +88,8 @@ class SavedFit:
     def joint(self) -> JointEstimate:
         """Joint vector with its covariance; an `EstimationError` when nothing was estimated."""
         if self.estimated is None:
-            raise EstimationError(
-                "a document of a flight with an estimate",
-                f"one without: {' '.join(self.reasons)}",
-                "See its verdict.",
-            )
+            expected = "a document of a flight with an estimate"
+            raise EstimationError(expected, f"one without: {' '.join(self.reasons)}", "See its verdict.")
         return self.estimated
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
@@ -117,11 +114,9 @@ class SavedFit:
             )
         quantity = self.quantities[name]
         if not math.isclose(quantity.interval[1], quantity.widened(self._wald(name, 0.95))[1], rel_tol=1e-9):
-            raise UsageError(
-                f"level .95 for {name}, whose interval is that of a set for weak instruments or a pool",
-                f"level {level}",
-                "Identify the flight again and ask its result: fit.interval(name, level).",
-            )
+            expected = f"level .95 for {name}, whose interval is that of a set for weak instruments or a pool"
+            remedy = "Identify the flight again and ask its result: fit.interval(name, level)."
+            raise UsageError(expected, f"level {level}", remedy)
         return quantity.widened(self._wald(name, level))
 
     def sample(self, n: int, seed: int = 0) -> dict[str, Float[np.ndarray, " n"]]:
@@ -154,11 +149,8 @@ class SavedFit:
         checks.whole("n", n)
         checks.whole("seed", seed)
         if not 1 <= n <= MOST_DRAWS or seed < 0:
-            raise UsageError(
-                f"1 to {MOST_DRAWS:,} draws, and a seed that is not below zero",
-                f"{n:,} draws with seed {seed}",
-                "Ask for a number within these.",
-            )
+            expected = f"1 to {MOST_DRAWS:,} draws, and a seed that is not below zero"
+            raise UsageError(expected, f"{n:,} draws with seed {seed}", "Ask for a number within these.")
         rng, known = np.random.default_rng(seed), self.document.parameters
         bounds = ((known[name].lowest if name in known else None) for name in self.names)
         lowest = [_number(bound, -math.inf) for bound in bounds]
@@ -460,11 +452,9 @@ def draws_table(
     selected = [name for name in fit.quantities if fitted.is_identified(name)]
     columns = {name: column for name, column in draws.items() if name in selected}
     if not columns:
-        raise NotIdentifiedError(
-            "a parameter that is identified, to draw from",
-            f"a result without. {' '.join(fit.reasons)}".rstrip("."),
-            "Fly again as the report says.",
-        )
+        expected = "a parameter that is identified, to draw from"
+        remedy = "Fly again as the report says."
+        raise NotIdentifiedError(expected, f"a result without. {' '.join(fit.reasons)}".rstrip("."), remedy)
     prediction = fit.document.prediction
     for name, value in (prediction.at if prediction else {}).items():
         if name in selected and name not in columns and value is not None:

@@ -290,31 +290,25 @@ def validate(
     checks.kind("recording", recording, Recording, "a Recording", 'Read it: ev.read_log("other.ulg").')
     prediction = result.document.prediction
     if prediction is None:
-        raise UsageError(
-            "a result with an estimate",
-            f"one without: {' '.join(result.reasons).rstrip('.')}",
-            "Validate a flight that carries some information.",
-        )
+        expected = "a result with an estimate"
+        remedy = "Validate a flight that carries some information."
+        raise UsageError(expected, f"one without: {' '.join(result.reasons).rstrip('.')}", remedy)
     motion = result.motion
     state = _prepared(result, prediction, motion, recording, window, max_tilt_deg)
     motion, (flight,) = state.motion, state.prepared
     level, input_level = prediction.input_level, flight.input_level
     if level is not None and max(level, input_level) > LARGEST_INPUT_RATIO * min(level, input_level):
-        raise InputError(
-            f"{flight.input.name} of about {level:.4g} on average, as in the flights of the fit",
-            f"{input_level:.4g} in {flight.recording.name}",
-            "Give a flight of the same vehicle, with its commands in the same unit.",
-        )
+        expected = f"{flight.input.name} of about {level:.4g} on average, as in the flights of the fit"
+        remedy = "Give a flight of the same vehicle, with its commands in the same unit."
+        raise InputError(expected, f"{input_level:.4g} in {flight.recording.name}", remedy)
     models, predicts, ahead = _simpler_models(result, prediction), motion.abilities.prediction, None
     results: tuple[ModelPrediction, ...] = ()
     if predicts.multi_step is not None:
         ahead = predicts.multi_step((flight.shortened,), models, result.refused)
         if not ahead.errors:
-            raise UsageError(
-                "a result and a log that carry enough information of the vehicle to predict it",
-                " ".join(ahead.omitted) or "no half second without a gap",
-                "Validate a flight that carries more information, on a log of the same vehicle.",
-            )
+            expected = "a result and a log that carry enough information of the vehicle to predict it"
+            remedy = "Validate a flight that carries more information, on a log of the same vehicle."
+            raise UsageError(expected, " ".join(ahead.omitted) or "no half second without a gap", remedy)
     elif predicts.another_flight is None:
         received = f"'{motion.name}', which does not"
         raise UsageError("a motion that predicts", received, "See docs/motions.md: predictions.")
@@ -348,21 +342,16 @@ def _prepared(
     )
     check_options(motion, options)
     if prediction.input and not recording.family(prediction.input.rstrip("*").rstrip("_")):
-        raise MissingChannelError(
-            f"the input of the fit, '{prediction.input}', in {recording.name}",
-            "a log without it",
-            "Give a log with the same command; in a table or a bag, a channel map may name it (--map).",
-        )
+        expected = f"the input of the fit, '{prediction.input}', in {recording.name}"
+        remedy = "Give a log with the same command; in a table or a bag, a channel map may name it (--map)."
+        raise MissingChannelError(expected, "a log without it", remedy)
     flight = prepare(recording, motion, options)
     for kind in (RATE, LEVEL):
         limit = fit.document.diagnostics.get(kind)
         flight = flight.within(CommandLimit(kind, limit)) if limit and flight.issued else flight
     if not flight.runs:
-        raise InputError(
-            f"three seconds {motion.words.where} in runs of a second or more",
-            f"none in {recording.name}: {flight.shortfall[0]}",
-            flight.shortfall[1],
-        )
+        expected = f"three seconds {motion.words.where} in runs of a second or more"
+        raise InputError(expected, f"none in {recording.name}: {flight.shortfall[0]}", flight.shortfall[1])
     return FlightState(for_flights(motion, (flight,), options), (flight,), options)
 
 
@@ -372,11 +361,8 @@ def _simpler_models(fit: SavedFit, prediction: JsonPrediction) -> dict[str, Simp
         values = {**values, **dict(zip(fit.names, fit.estimated.values.tolist(), strict=True))}
     models = prediction.simple_models.values()
     if fit.estimated is None or any(not set(values) <= set(model.values) for model in models):
-        raise InputError(
-            "a result with a value for each parameter of its models",
-            "one that lacks some",
-            "Identify the flight again.",
-        )
+        expected = "a result with a value for each parameter of its models"
+        raise InputError(expected, "one that lacks some", "Identify the flight again.")
     return {FIT: SimpleModel("the fit", values), **prediction.simple_models}
 
 

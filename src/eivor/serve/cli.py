@@ -38,11 +38,9 @@ def serve(
         try:
             server = Server(options)
         except OSError as error:
-            raise InputError(
-                "a port that is free",
-                f"{port}, for which the system says: {error.strerror or error}",
-                "Choose another with --port, or leave it out.",
-            ) from error
+            received = f"{port}, for which the system says: {error.strerror or error}"
+            remedy = "Choose another with --port, or leave it out."
+            raise InputError("a port that is free", received, remedy) from error
         try:
             write(f"{server.url}\nDrop flight logs on this page. Ctrl-C stops it.\n")
             if not no_browser:  # in a thread: a browser in the terminal would not come back
