@@ -42,8 +42,7 @@ def index_of(what: str, name: str, known: Iterable[str], remedy: str = "Name one
     names = list(known)
     text("name", name)
     if name not in names:
-        expected = f"{what} out of {', '.join(names)}"
-        raise UsageError(expected, f"'{name}'", did_you_mean(name, names, remedy))
+        raise UsageError(f"{what} out of {', '.join(names)}", f"'{name}'", did_you_mean(name, names, remedy))
     return names.index(name)
 
 

@@ -218,8 +218,7 @@ class TomlFiles:
         known = path.suffix == ENDING or path.parent != Path()
         if not known and not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for long names
             expected = f"{self.what}: a file that ends in {ENDING}, or one of {', '.join(names)}"
-            received = f"'{name}', which is no file"
-            raise self.error(expected, received, did_you_mean(name, names, self.remedy))
+            raise self.error(expected, f"'{name}', which is no file", did_you_mean(name, names, self.remedy))
         return read_toml(path, self.what, self.error)
 
 

@@ -156,16 +156,8 @@ SEGMENTS = 10
 ROUNDING = 1e-13
 #: Every diagnostic, in the order of tables and of sentences.
 DIAGNOSTICS = (
-    "first_stage",
-    "over_identification",
-    "endogeneity",
-    "whiteness",
-    "memory",
-    "information",
-    "bands",
-    "constancy",
-    "periodicity",
-    "leverage",
+    *("first_stage", "over_identification", "endogeneity", "whiteness", "memory"),
+    *("information", "bands", "constancy", "periodicity", "leverage"),
 )
 
 

@@ -299,18 +299,12 @@ def _weighting(weighting: EquationWeighting | None) -> EquationWeighting:
 
 #: What the command line offers for flights.
 TABLE: dict[str, Callable[[], Method]] = {
-    "reference_iv": reference_iv,
-    "least_squares": least_squares,
-    "whitened_least_squares": whitened_least_squares,
-    "total_least_squares": total_least_squares,
-    "extended_iv": extended_iv,
-    "generalized_iv": generalized_iv,
-    "generalized_iv_tls": generalized_iv_tls,
-    "bias_compensated_least_squares": bias_compensated_least_squares,
-    "spectral_giv": spectral_giv,
-    "whittle_ml": whittle_ml,
-    OUTPUT_ERROR: output_error,
-}
+    make.__name__: make
+    for make in (
+        *(reference_iv, least_squares, whitened_least_squares, total_least_squares, extended_iv),
+        *(generalized_iv, generalized_iv_tls, bias_compensated_least_squares, spectral_giv, whittle_ml),
+    )
+} | {OUTPUT_ERROR: output_error}
 
 
 def by_name(name: str | Method) -> Method:

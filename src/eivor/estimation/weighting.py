@@ -60,9 +60,8 @@ class TwoStage(EquationWeighting):
 
 def _cross_moments(moments: Moments) -> CrossMoments:
     if not isinstance(moments, CrossMoments):
-        expected = "moments with the instruments' own products"
         remedy = "Two-stage weighting goes with an instrumental assembler; make the moments with its method."
-        raise UsageError(expected, type(moments).__name__, remedy)
+        raise UsageError("moments with the instruments' own products", type(moments).__name__, remedy)
     return moments
 
 

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from eivor.errors import UsageError
-from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments
+from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, hash_comments, targets
 from eivor.inference.verdict import Status
 from eivor.motions.vertical import model as vertical
 from eivor.signals.channels import CurveSide
@@ -223,18 +223,10 @@ def _betaflight(fitted: Fitted, supplied: Supplied) -> Exported:
     return Exported("\n".join(text) + "\n")
 
 
-AUTOPILOTS = (
-    Target(
-        "px4",
-        "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC",
-        ".params",
-        _parameter_export(PX4, qgroundcontrol),
-    ),
-    Target(
-        "ardupilot",
-        "ArduPilot parameters (.param): MOT_THST_HOVER, MOT_THST_EXPO",
-        ".param",
-        _parameter_export(ARDUPILOT, mission_planner),
-    ),
-    Target("betaflight", "a line of Betaflight's command line (.txt): thrust_linear", ".txt", _betaflight),
+AUTOPILOTS = targets(
+    {
+        "px4": _parameter_export(PX4, qgroundcontrol),
+        "ardupilot": _parameter_export(ARDUPILOT, mission_planner),
+        "betaflight": _betaflight,
+    }
 )

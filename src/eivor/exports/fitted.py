@@ -18,6 +18,7 @@ from eivor.motions.machine import Machine
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.signals.channels import CurveSide
 from eivor.signals.thrust_map import InputMap, input_map
+from eivor.strict_toml import package_tables
 
 #: Longer strings are cut: some readers of parameters have lines of bounded length.
 LONGEST = 400
@@ -240,3 +241,9 @@ class Target(msgspec.Struct, frozen=True):
     words: str  # What the file is
     ending: str  # How names of such files end
     export: Callable[[Fitted, Supplied], Exported]
+
+
+def targets(exports: Mapping[str, Callable[[Fitted, Supplied], Exported]]) -> tuple[Target, ...]:
+    """Targets of the file `targets.toml`, by their words on the command line."""
+    table = package_tables("eivor.exports", "targets.toml")
+    return tuple(Target(name, export=export, **table[name]) for name, export in exports.items())

@@ -14,7 +14,16 @@ import scipy
 
 from eivor.errors import EstimationError, NotIdentifiedError, UsageError
 from eivor.exports import vehicle
-from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments, one_line
+from eivor.exports.fitted import (
+    VERTICAL,
+    Exported,
+    Fitted,
+    Number,
+    Supplied,
+    hash_comments,
+    one_line,
+    targets,
+)
 from eivor.exports.vehicle import Columns, ExportOfDraws, VehicleDescription
 from eivor.logs.channel_map import Expression
 from eivor.models.frequency_response import python_control
@@ -24,6 +33,7 @@ from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, spe
 from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import Mixed, Power
 from eivor.simulation.rigid_body import quaternions
+from eivor.strict_toml import package_tables
 from eivor.tools import Float
 
 #: What the arrays of the vertical motion are made of.
@@ -231,25 +241,7 @@ class _MachineEquations:
 
 
 #: CasADi's words for functions that are called otherwise there.
-_CASADI = {
-    np.add: "({} + {})",
-    np.subtract: "({} - {})",
-    np.multiply: "({} * {})",
-    np.divide: "({} / {})",
-    np.power: "({} ** {})",
-    np.negative: "(-{})",
-    np.less: "({} < {})",
-    np.less_equal: "({} <= {})",
-    np.greater: "({} > {})",
-    np.greater_equal: "({} >= {})",
-    np.absolute: "ca.fabs({})",
-    np.maximum: "ca.fmax({}, {})",
-    np.minimum: "ca.fmin({}, {})",
-    np.hypot: "ca.sqrt({} ** 2 + {} ** 2)",
-    np.logical_and: "ca.logic_and({}, {})",
-    np.logical_or: "ca.logic_or({}, {})",
-    np.logical_not: "ca.logic_not({})",
-}
+_CASADI = package_tables("eivor.exports", "casadi.toml")
 
 
 def _formula(expression: Expression, names: dict[str, str]) -> str:
@@ -258,7 +250,7 @@ def _formula(expression: Expression, names: dict[str, str]) -> str:
     for step in expression.steps:
         if isinstance(step, np.ufunc):
             arguments = [stack.pop() for _ in range(step.nin)][::-1]
-            words = _CASADI.get(step) or f"ca.{step.__name__}({', '.join(['{}'] * step.nin)})"
+            words = _CASADI.get(step.__name__) or f"ca.{step.__name__}({', '.join(['{}'] * step.nin)})"
             stack.append(words.format(*arguments))
         else:
             stack.append(names[step] if isinstance(step, str) else repr(float(step)))  # type: ignore[arg-type]
@@ -430,14 +422,11 @@ def _matlab(fitted: Fitted, supplied: Supplied) -> Exported:
     return Exported(buffer.getvalue(), (f"NaN in the file: {fitted.why_not(*missing)}",) if missing else ())
 
 
-MODELS = (
-    Target(
-        "statespace",
-        "arrays A, B, C, D of the motion about hover, of six axes also about forward flight (JSON)",
-        ".json",
-        _state_space_document,
-    ),
-    Target("casadi", "the equations as a function of CasADi (Python file)", ".py", _casadi),
-    Target("matlab", "a struct of the fit for MATLAB and Octave (.mat)", ".mat", _matlab),
+MODELS = targets(
+    {
+        "statespace": _state_space_document,
+        "casadi": _casadi,
+        "matlab": _matlab,
+    }
 )
 DRAWN_MODELS: dict[str, ExportOfDraws] = {"statespace": _state_space_draws}

@@ -13,7 +13,16 @@ import numpy as np
 from eivor import checks
 from eivor.exports import vehicle
 from eivor.exports.autopilots import ARDUPILOT, AUTOPILOTS, PX4, mission_planner, qgroundcontrol
-from eivor.exports.fitted import Exported, Fitted, Supplied, Target, hash_comments, one_line, xml_comments
+from eivor.exports.fitted import (
+    Exported,
+    Fitted,
+    Supplied,
+    Target,
+    hash_comments,
+    one_line,
+    targets,
+    xml_comments,
+)
 from eivor.exports.models import DRAWN_MODELS, MODELS
 from eivor.exports.vehicle import Columns, ExportOfDraws, VehicleDescription
 from eivor.motions.vertical.model import share_of
@@ -480,24 +489,19 @@ def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
     return Exported(text, craft.omitted, craft.lost)
 
 
-SIMULATORS = (
-    Target(
-        "sih", "PX4's simulator SIH (.params of QGroundControl): SIH_MASS, SIH_T_MAX, ...", ".params", _sih
-    ),
-    Target("rotorpy", "a vehicle of RotorPy (Python file with quad_params)", ".py", _rotorpy),
-    Target("mujoco", "a vehicle of MuJoCo (MJCF)", ".xml", _mujoco),
-    Target("pybullet", "a vehicle of PyBullet (Python file with a class)", ".py", _pybullet),
-    Target("urdf", "a vehicle of gym-pybullet-drones (URDF)", ".urdf", _urdf),
-    Target("gazebo", "a vehicle of Gazebo (SDF with motor models)", ".sdf", _gazebo),
-    Target("px4-gazebo", "motor constants and mass for a model of PX4 (XML)", ".xml", _px4_gazebo),
-    Target("sitl", "a frame of ArduPilot's simulator SITL (JSON)", ".json", _sitl),
-    Target(
-        "sitl-parameters",
-        "parameters with such a frame (.parm): SIM_VIB_MOT_MAX, ...",
-        ".parm",
-        _sitl_parameters,
-    ),
-    Target("drone-models", "a vehicle of drone-models (Python file with dynamics)", ".py", _drone_models),
+SIMULATORS = targets(
+    {
+        "sih": _sih,
+        "rotorpy": _rotorpy,
+        "mujoco": _mujoco,
+        "pybullet": _pybullet,
+        "urdf": _urdf,
+        "gazebo": _gazebo,
+        "px4-gazebo": _px4_gazebo,
+        "sitl": _sitl,
+        "sitl-parameters": _sitl_parameters,
+        "drone-models": _drone_models,
+    }
 )
 DRAWN: dict[str, ExportOfDraws] = {"rotorpy": _rotorpy, "mujoco": _mujoco_draws, "isaaclab": _isaac_lab}
 #: Files of draws by their word on the command line.

@@ -100,22 +100,7 @@ RIGID_BODY = "rigid_body"
 #: What no vehicle flies without, beside mass and geometry.
 BODY = ("thrust", "actuator_lag", *INERTIAS, "torque_ratio")
 #: What the flight identifies of the vehicle's numbers at once, by its own name.
-MADE_OF = {
-    VERTICAL: {
-        "thrust": "input_gain",
-        "drag_z": "viscous_friction",
-        "quadratic_drag_z": "quadratic_drag",
-        "actuator_lag": "actuator_lag",
-        "delay": "delay",
-    },
-    RIGID_BODY: {
-        "thrust": "thrust_gain",
-        "actuator_lag": "actuator_lag",
-        "delay": "delay",
-        "second_lag": "second_lag",
-        "lag_asymmetry": "lag_asymmetry",
-    },
-}
+MADE_OF: Mapping[str, Mapping[str, str]] = _TABLES["made_of"]
 #: What few flights show: left out where the interval holds zero.
 RARE = ("quadratic_drag_z", "second_lag", "lag_asymmetry")
 #: What may be given with --prior beside these.

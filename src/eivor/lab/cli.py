@@ -182,9 +182,8 @@ def _of_fit(scenario: Simulated, fit: str, mass: str, accept: str) -> RigidBodyF
     result = fit_among(load_fits(fit), preferred=("rigid-body",))
     fitted = replace(result.fitted, accepted=accepted_verdicts(accept))
     if fitted.model != RIGID_BODY_MODEL:
-        expected = "a result of the rigid body for --from"
         remedy = "Identify the log with --model rigid-body --vehicle FILE.toml."
-        raise UsageError(expected, f"one of {fitted.model}", remedy)
+        raise UsageError("a result of the rigid body for --from", f"one of {fitted.model}", remedy)
     made = describe(fitted, supplied(mass, (), ""), "a simulated flight", BODY)
     vehicle, step_s = simulated_vehicle(made), scenario.step_s
     delay = round(vehicle.rotors.delay / step_s) * step_s

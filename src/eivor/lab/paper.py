@@ -70,26 +70,7 @@ class Example:
     printed: Mapping[str, tuple[Spread, Spread, Spread]]
 
 
-EXAMPLES = (
-    Example(
-        1,
-        2e-3,
-        {
-            "least_squares": (Spread(6.43, 0.074), Spread(6.32, 0.075), Spread(6.42, 0.074)),
-            "extended_iv": (Spread(187.2, 119.4), Spread(129.3, 80.4), Spread(186.9, 119.2)),
-            "generalized_iv": (Spread(2.30, 1.67), Spread(2.26, 1.65), Spread(2.30, 1.67)),
-        },
-    ),
-    Example(
-        2,
-        5e-3,
-        {
-            "least_squares": (Spread(6.55, 0.10), Spread(6.442, 0.10), Spread(6.55, 0.10)),
-            "extended_iv": (Spread(211.6, 247.3), Spread(145.0, 159.7), Spread(211.6, 246.9)),
-            "generalized_iv": (Spread(5.74, 2.70), Spread(3.69, 2.65), Spread(5.739, 2.70)),
-        },
-    ),
-)
+EXAMPLES = tuple(msgspec.convert(package_tables("eivor.lab", "examples.toml")["example"], list[Example]))
 
 
 #: Where z' and z'' at the samples come from; z is the height, integrated exactly.

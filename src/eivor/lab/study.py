@@ -45,18 +45,9 @@ WEIGHTED = ("extended_iv", "generalized_iv")
 STRENGTHS = ("fuller", "generalized_fuller")
 #: Methods that need instruments.
 INSTRUMENTAL = (
-    *WEIGHTED,
-    "extended_iv_tls",
-    "generalized_iv_tls",
-    "liml",
-    "generalized_liml",
-    "spectral_giv",
-    "spectral_giv_combined",
-    "whittle_ml",
-    "generalized_iv_unknown_noise",
-    "bias_eliminating_least_squares",
-    "frisch_scheme",
-    *STRENGTHS,
+    *(*WEIGHTED, "extended_iv_tls", "generalized_iv_tls", "liml", "generalized_liml", "spectral_giv"),
+    *("spectral_giv_combined", "whittle_ml", "generalized_iv_unknown_noise"),
+    *("bias_eliminating_least_squares", "frisch_scheme", *STRENGTHS),
 )
 #: Methods whose equations of many trials are solved at once.
 PLAIN = (*DIRECT, *WEIGHTED, "extended_iv_tls", "generalized_iv_tls")

@@ -355,8 +355,7 @@ def check_covariance(matrix: Float[np.ndarray, "..."], size: int) -> None:
     """Raise when a matrix is not a covariance of the noises of so many columns."""
     if matrix.shape != (size, size):
         expected = f"a {size} x {size} covariance of the noises of [regressors, response]"
-        remedy = "Its last row and column belong to the response."
-        raise ShapeError(expected, f"shape {matrix.shape}", remedy)
+        raise ShapeError(expected, f"shape {matrix.shape}", "Its last row and column belong to the response.")
     check_finite("covariance", matrix)
     if np.abs(matrix).max(initial=0.0) > LARGEST_VARIANCE:
         remedy = "Give columns and noises in other units; products of these no double can hold."

@@ -503,8 +503,7 @@ def _term(
         section.choose("behind", spec.behind, names.actuators)
         if not inputs:
             expected = "an expression over an input, which the actuator follows,"
-            remedy = 'Leave out behind, or give a role = "input".'
-            raise section.wrong("of", expected, f"'{spec.of}'", remedy)
+            raise section.wrong("of", expected, f"'{spec.of}'", 'Leave out behind, or give a role = "input".')
     elif any(
         first in inputs and isinstance(step, InTime) and step.lag_s is None
         for first, step in pairwise(expression.steps)

@@ -352,9 +352,8 @@ def fit_among(fits: Mapping[str, SavedFit], model: str = "", preferred: Sequence
     matching = sorted((name for name in preferred if name in fits), key=lambda name: name not in fitted)
     candidates = [model] if model else matching[:1] or fitted
     if len(candidates) > 1 and not preferred:
-        received = f"a result of several: {', '.join(candidates)}"
         remedy = f"Name one: --model {candidates[0]}, in Python model='{candidates[0]}'."
-        raise UsageError("the motion that is meant", received, remedy)
+        raise UsageError("the motion that is meant", f"a result of several: {', '.join(candidates)}", remedy)
     return fits[candidates[0]]
 
 

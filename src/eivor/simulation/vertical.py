@@ -15,6 +15,7 @@ from eivor.signals.recording import GRAVITY, Recording
 from eivor.simulation import environment as surroundings
 from eivor.simulation.controller import DelayLine
 from eivor.simulation.environment import KnownLog, SimulatedFlight, TrajectoryKind, altitude_reference, gusts
+from eivor.strict_toml import package_tables
 from eivor.tools import Float
 
 Parts = TypeVar("Parts")
@@ -320,12 +321,7 @@ def _flight_truth(spec: VerticalFlightSpec) -> dict[str, object]:
     changes = ("gust_rms", "gain_after", "gain_changes_at", "gain_changes_over")
     return {
         **{name: getattr(spec, name) for name in numbers},
-        "units": {
-            "viscous_friction": "1/s",
-            "input_gain": "m/s^2 per squared share of full command",
-            "hover_input": "share of full command",
-            **dict.fromkeys(("actuator_lag", "delay", "gain_changes_at", "gain_changes_over"), "s"),
-        },
+        "units": package_tables("eivor.simulation", "truth.toml")["vertical_units"],
         "noise": {"kind": str(spec.noise.kind)} | {name: getattr(spec.noise, name) for name in levels},
         **{name: getattr(spec, name) for name in changes},
         "trajectory": str(spec.trajectory),

@@ -425,8 +425,7 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
 
     position = Path(path)
     if position.suffix != ".parquet":
-        expected = "a path that ends in .parquet"
-        raise UsageError(expected, f"'{position.name}'", "Change the ending.")
+        raise UsageError("a path that ends in .parquet", f"'{position.name}'", "Change the ending.")
     if not recording.channels:
         raise UsageError("a recording with channels", "one without", "Nothing can be written.")
     clocks: list[np.ndarray] = []

@@ -605,8 +605,7 @@ def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> 
             if flight.input.measured:
                 expected = f"commands for the term {VOLTAGE_TERM.word}: what they give follows the voltage"
                 received = f"{flight.input.name} of {name}, which was measured"
-                remedy = "Leave the term out, or name the commands with --input."
-                raise InputError(expected, received, remedy)
+                raise InputError(expected, received, "Leave the term out, or name the commands with --input.")
 
 
 def _missing(channel: str, term: OptionalTerm, name: str, words: str) -> MissingChannelError:
