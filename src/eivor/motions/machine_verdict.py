@@ -44,16 +44,14 @@ LAGS = (ACTUATOR_LAG.name, DELAY.name)
 
 
 def narrower(remedy: str, inputs: verdict.VerdictInputs) -> str:
-    """What to do about a wide interval, with a term that is missed and lags in several parts that fit."""
-    if inputs.checks.missed is not None:
-        remedy = f"Declare a term with {inputs.checks.missed.of}. {remedy}"
-    lags = inputs.robust.get(ACTUATOR_LAG.name)
-    if lags is None or len(lags.intervals) < 2:
-        return remedy
-    ends = [[plain(1e3 * end, 3) for end in part if end < math.inf] for part in lags.intervals]
-    parts = ", ".join(f"{' to '.join(part)} ms{' or more' * (len(part) < 2)}" for part in ends)
-    advice = "narrow lag_ms to the part that fits the machine."
-    return f"Lags in {len(ends)} parts fit the log ({parts}): {advice} {remedy}"
+    """What to do about a wide interval: a term that is missed, and lags in several parts that fit."""
+    lags, missed = inputs.robust.get(ACTUATOR_LAG.name), inputs.checks.missed
+    if lags is not None and len(lags.intervals) > 1:
+        ends = [[plain(1e3 * end, 3) for end in part if end < math.inf] for part in lags.intervals]
+        parts = ", ".join(f"{' to '.join(part)} ms{' or more' * (len(part) < 2)}" for part in ends)
+        advice = "narrow lag_ms to the part that fits the machine."
+        remedy = f"Lags in {len(ends)} parts fit the log ({parts}): {advice} {remedy}"
+    return remedy if missed is None else f"Declare a term with {missed.of}. {remedy}"
 
 
 LAG_LIMIT = verdict.Limit(
@@ -327,9 +325,7 @@ class MissedTerm:
     def sentence(self) -> str:
         """The term in words, with its number."""
         number = f"{plain(self.difference.value, 3)} ± {plain(self.difference.half_width, 2)}"
-        return (
-            f"The equation lacks {number} times {self.of} (p-value {self.p_value:.1g}): declare such a term."
-        )
+        return f"The equation lacks {number} times {self.of} (p-value {max(self.p_value, 1e-99):.1g}): declare such a term."
 
 
 def missed_term(
