@@ -325,7 +325,8 @@ class MissedTerm:
     def sentence(self) -> str:
         """The term in words, with its number."""
         number = f"{plain(self.difference.value, 3)} ± {plain(self.difference.half_width, 2)}"
-        return f"The equation lacks {number} times {self.of} (p-value {max(self.p_value, 1e-99):.1g}): declare such a term."
+        p_value = f"p-value {max(self.p_value, 1e-99):.1g}"
+        return f"The equation lacks {number} times {self.of} ({p_value}): declare such a term."
 
 
 def missed_term(
