@@ -223,10 +223,8 @@ def plan(
         *(partial(cli.write_out, text, path) for path, text in texts.items()),
     )
     if not result.is_informative:
-        cli.complain(
-            "The plan is not identified in most of its simulations, or by the formula.",
-            "Give it more time, or wider limits.",
-        )
+        remedy = "Give it more time, or wider limits."
+        cli.complain("The plan is not identified in most of its simulations, or by the formula.", remedy)
     return cli.ExitCode.IDENTIFIED if result.is_informative else cli.ExitCode.NOT_IDENTIFIED
 
 
@@ -344,9 +342,8 @@ def validate(typed: SimpleNamespace) -> cli.ExitCode:
     result = fit_among(fits, typed.model, preferred=tuple(fits))
     others = [name for name, other in fits.items() if other is not result and other.estimated is not None]
     if others and not typed.model:
-        cli.complain(
-            f"compared is the first motion of {typed.fit.name}; others: --model {' or '.join(others)}"
-        )
+        sentence = f"compared is the first motion of {typed.fit.name}; others: --model {' or '.join(others)}"
+        cli.complain(sentence)
     if result.document.prediction is not None:
         _ = result.motion  # whose channels the log may have
     logs = LogWords(logs=[typed.log], channel_map=typed.channel_map)

@@ -490,11 +490,8 @@ def _filter_findings(head: Head) -> list[Finding]:
         "gyro_lpf_hz",
     )
     cut_offs = [f"{hz:g}" for key in keys if (hz := head.numbers(key, 0.0)[0]) > 0.0]
-    return noted(
-        "gyro_filters",
-        "The rates are behind the gyroscope's low-pass filters of {} Hz: the lag holds their delay.",
-        " and ".join(cut_offs),
-    )
+    sentence = "The rates are behind the gyroscope's low-pass filters of {} Hz: the lag holds their delay."
+    return noted("gyro_filters", sentence, " and ".join(cut_offs))
 
 
 def _start(head: Head) -> datetime | None:

@@ -468,12 +468,9 @@ def _length(request: Request, most: int) -> int:
         expected = "a request that says how long it is"
         raise RefusedError(HTTPStatus.LENGTH_REQUIRED, expected, "one that does not", _RELOAD)
     if int(text) > most:
-        raise RefusedError(
-            HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-            f"at most {most} bytes",
-            f"{text} bytes",
-            "Cut the log to the manoeuvre of interest, or start with more: eivor serve --largest MB.",
-        )
+        received = f"{text} bytes"
+        remedy = "Cut the log to the manoeuvre of interest, or start with more: eivor serve --largest MB."
+        raise RefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"at most {most} bytes", received, remedy)
     return int(text)
 
 

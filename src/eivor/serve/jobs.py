@@ -96,12 +96,9 @@ class Workers:
         """Queue a task; a `RefusedError` when too many wait."""
         with self._lock:
             if self._closed or len(self._waiting) >= MOST_WAITING:
-                raise RefusedError(
-                    HTTPStatus.SERVICE_UNAVAILABLE,
-                    f"at most {MOST_WAITING} tasks that wait",
-                    "one more",
-                    "Wait until some are done, or cancel them.",
-                )
+                expected = f"at most {MOST_WAITING} tasks that wait"
+                remedy = "Wait until some are done, or cancel them."
+                raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, expected, "one more", remedy)
             position = sum(item.urgent for item in self._waiting) if ticket.urgent else len(self._waiting)
             self._waiting.insert(position, ticket)
             self._threads.submit(self._run_next)
@@ -401,12 +398,9 @@ class KeptLogs:
                 freed = self._forget(oldest.pop(0))
                 kept, free = kept - freed, free + freed
             if kept + size > limit or size > free:
-                raise RefusedError(
-                    HTTPStatus.INSUFFICIENT_STORAGE,
-                    f"room for {size} bytes more",
-                    "none",
-                    "Wait until flights are identified, or make room on the disk.",
-                )
+                expected = f"room for {size} bytes more"
+                remedy = "Wait until flights are identified, or make room on the disk."
+                raise RefusedError(HTTPStatus.INSUFFICIENT_STORAGE, expected, "none", remedy)
             self._coming += size
 
     def get(self, log: str) -> KeptLog:

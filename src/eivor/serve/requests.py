@@ -41,12 +41,8 @@ def refusal(error: EivorError) -> RefusedError:
 
 def absent(what: str, name: str) -> RefusedError:
     """Error of something that is not there, or not any more."""
-    return RefusedError(
-        HTTPStatus.NOT_FOUND,
-        f"{what} that is there",
-        f"'{name[:100]}'",
-        "What is an hour old is forgotten: drop the log again.",
-    )
+    remedy = "What is an hour old is forgotten: drop the log again."
+    return RefusedError(HTTPStatus.NOT_FOUND, f"{what} that is there", f"'{name[:100]}'", remedy)
 
 
 MOST_LOGS = 100

@@ -125,11 +125,8 @@ class Periodicity(Diagnostic):
                 "Look for what pushes so and is not in the equation, such as a wind or a load that swings.",
             )
         else:
-            yield Reason(
-                Status.WEAK,
-                f"{strongest.of} varies by {strongest.extent} {period}.",
-                "Look for what varies so, such as a supply or a load; the estimate is a mean.",
-            )
+            remedy = "Look for what varies so, such as a supply or a load; the estimate is a mean."
+            yield Reason(Status.WEAK, f"{strongest.of} varies by {strongest.extent} {period}.", remedy)
 
 
 class BlockSums(msgspec.Struct, frozen=True):

@@ -248,9 +248,8 @@ def variables_source(
         remedy = "Save each signal as a vector of its own; objects (timeseries, tables) are not read."
         raise EmptyLogError("a file with vectors or matrices of numbers", f"'{name}' without any", remedy)
     if len(shapes) > delimited.MAX_COLUMNS:
-        raise delimited.corrupt_table(
-            name, f"with {len(shapes)} variables", f"At most {delimited.MAX_COLUMNS} are read."
-        )
+        remedy = f"At most {delimited.MAX_COLUMNS} are read."
+        raise delimited.corrupt_table(name, f"with {len(shapes)} variables", remedy)
 
     def read(columns: Sequence[str]) -> common.Columns:
         bases = (common.element_of(column, list(shapes)) or (column, None) for column in columns)
