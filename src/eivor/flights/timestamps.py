@@ -149,7 +149,7 @@ MOST_COMMAND_STAMPS = 20_000
 #: No controller of a vehicle's height runs at shorter steps [s].
 SHORTEST_STEP_S = 0.001
 #: Loops of position, whose demands a faster loop follows, take at most so long for a step [s].
-SLOWEST_LOOP_S = 0.010
+SLOWEST_LOOP_S = 0.020
 #: A command logged more rarely [s] than this is not searched for a shorter period: the search grows with it.
 RARELY_LOGGED_S = 1.0
 #: Stamps rounded to a power of ten up to this are multiples of it, whatever was rounded [s].

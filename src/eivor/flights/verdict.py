@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import msgspec
@@ -13,6 +14,7 @@ import msgspec
 from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG, LagPrior
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
 from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SystematicUncertainty, Words
+from eivor.flights.references import HEADED
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.excitation import Periodicity, Swing
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
@@ -233,7 +235,9 @@ def clock_parts(
         return RATE_LOOP * by_s / (max(inputs.value(EFFECTIVE_LAG), 0.0) + SENSING_S)
 
     def locked(inputs: VerdictInputs) -> float:
-        return share(inputs, min(inputs.locked_s, ATTITUDE_HOLD_S))
+        # attitudes of a position loop are demanded as slowly as its own step
+        by_position = {*chain.from_iterable(HEADED.values())} & {*inputs.instruments.names}
+        return share(inputs, inputs.locked_s if by_position else min(inputs.locked_s, ATTITUDE_HOLD_S))
 
     def unseen(inputs: VerdictInputs) -> float:
         delay = inputs.quantities.get(DELAY.name)  # which takes up what it can: it is never below zero
