@@ -18,6 +18,7 @@ from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.compatibility import (
     comparisons,
     with_one_clock,
+    with_velocity,
 )
 from eivor.motions.rigid_body.dynamics import ATTITUDE
 from eivor.motions.rigid_body.output_error import weights_of
@@ -168,6 +169,16 @@ def test_a_velocity_of_another_sensor_keeps_its_clock():
     alone, (sentence,) = with_one_clock(replace(log, channels={**log.channels, **late}), [(1.0, 20.0)])
     assert "it, without the velocity, is put on its clock" in sentence
     assert alone.channel("velocity_x") is log.channel("velocity_x")
+
+
+def test_a_position_gives_the_velocity_that_is_not_logged(flight):
+    log, logged = flight.recording, flight.recording.channel("velocity_y")
+    kept = {name: item for name, item in log.channels.items() if not name.startswith("velocity")}
+    made = with_velocity(replace(log, channels=kept)).channel("velocity_y")
+    assert np.std(made.values - np.interp(made.time_s, logged.time_s, logged.values)) < 0.065  # .06 is noise
+    x = log.channel("position_x")
+    slow = replace(log, channels={**kept, "position_x": replace(x, time_s=30.0 * x.time_s)})
+    assert with_velocity(slow) is slow
 
 
 @pytest.mark.usefixtures("coarse_search")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 
 from eivor.flights.grid import Grid, common_grid, on_grid, upward
 from eivor.inference.distributions import t_quantile
@@ -115,11 +116,6 @@ class Comparison:
             return 0.0
         value, error = self.estimates[0][0] - filter_s, self.estimates[1][0]
         return float(value) if abs(value) > max(SURE * error, LEAST_OFFSET_S) else 0.0
-
-    @property
-    def left(self) -> Float[np.ndarray, " stretches"]:
-        """Power of what the sensor and kinematics differ by."""
-        return np.asarray((np.abs(self.measured - self.derived) ** 2).sum(axis=(1, 2)))
 
     @property
     def searched_in_vain(self) -> bool:
@@ -239,9 +235,10 @@ def with_one_clock(
 
     # most estimators make the velocity with the attitude; the accelerometer shows which do not
     alike = moved((*dynamics.ATTITUDE, *dynamics.VELOCITY, *dynamics.POSITION))
-    alone, left = moved(dynamics.ATTITUDE), []
-    for item in (alike, alone):
-        left += [made.left for made in comparisons(item, spans_s) if made.sensor == "accelerometer"]
+    alone = moved(dynamics.ATTITUDE)
+    made = (item for log in (alike, alone) for item in comparisons(log, spans_s))
+    forces = [item for item in made if item.sensor == "accelerometer"]
+    left = [(np.abs(item.measured - item.derived) ** 2).sum(axis=(1, 2)) for item in forces]
     gained = np.log(left[0] / left[1]) if len(left) == 2 and left[0].size == left[1].size else np.zeros(2)
     separate = gained.mean() > SURE * gained.std(ddof=1) / np.sqrt(gained.size)
     what = "it, without the velocity, is" if separate else "attitude, velocity and position are"
@@ -250,3 +247,26 @@ def with_one_clock(
         f"gyroscope: {what} put on its clock."
     )
     return alone if separate else alike, (sentence,)
+
+
+#: Over which the slope of a position is its velocity, and the longest step of such a position [s].
+SLOPE_S, LONGEST_POSITION_STEP_S = 0.12, 0.04
+
+
+def with_velocity(log: Recording) -> Recording:
+    """The log with slopes of its position as velocity, where none is logged."""
+    positions = [log.channels[name] for name in dynamics.POSITION if name in log.channels]
+    if any(name in log.channels for name in dynamics.VELOCITY) or len(positions) < 3:
+        return log
+    slopes = {}
+    for name, item in zip(dynamics.VELOCITY, positions, strict=True):
+        known = np.isfinite(item.values)
+        t, x = item.time_s[known] - item.time_s[0], item.values[known]
+        step_s = float(np.median(np.diff(t))) if x.size > 1 else np.inf
+        if step_s > LONGEST_POSITION_STEP_S:
+            return log
+        size = 2 * max(round(0.5 * SLOPE_S / step_s), 1) + 1
+        means = [scipy.ndimage.uniform_filter1d(y, size, mode="nearest") for y in (t, x, t * t, t * x)]
+        slope = (means[3] - means[0] * means[1]) / (means[2] - means[0] ** 2)
+        slopes[name] = Channel(name, item.time_s[known], slope, "m/s")
+    return replace(log, channels={**log.channels, **slopes})

@@ -27,7 +27,7 @@ from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, Warm
 from eivor.motions.equation import AxisEquation, DeclaredMotion, simple_models
 from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, excitation, rate_panel, refuse_degrees
 from eivor.motions.rigid_body import regression, verdict
-from eivor.motions.rigid_body.compatibility import with_one_clock
+from eivor.motions.rigid_body.compatibility import SLOPE_S, with_one_clock, with_velocity
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import NOT_NEGATIVE, refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
@@ -126,7 +126,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     """Channels of a log by role."""
     log, stamp_findings = with_corrected_stamps(log)
     check_vehicle(log, options)
-    spans_s, original = (options.window or log.span_s,), log
+    original, log, spans_s = log, with_velocity(log), (options.window or log.span_s,)
     log, clock_notes = with_one_clock(log, spans_s, vehicle.gyro_cutoff_hz)
     remedy = "Log the rotor commands or speeds at 100 Hz or more"
     family, commands = chosen_input(log, TABLES.channels.inputs, options.input, remedy=remedy)
@@ -157,7 +157,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
         findings=(
             *stamp_findings,
             *(Finding("clocks_apart", text) for text in clock_notes),
-            *_findings(forces, moving),
+            *_findings(forces, moving, sloped=regression.NEEDED[0] not in original.channels),
         ),
         log=with_headed_references(log),
         issued_within_s=step_s,
@@ -206,7 +206,10 @@ def _refuse_no_quaternion(log: Recording) -> None:
         raise InputError(f"{expected} in {log.name}", f"a length of {received}", remedy)
 
 
-def _findings(forces: dict[str, Channel | None], moving: bool) -> Iterator[Finding]:
+def _findings(forces: dict[str, Channel | None], moving: bool, sloped: bool) -> Iterator[Finding]:
+    if moving and sloped:
+        text = f"Velocity is not logged: it is the slope of the position over {SLOPE_S:g} s."
+        yield Finding("velocity_by_position", text)
     if not moving:
         yield Finding(
             "no_body_velocity",

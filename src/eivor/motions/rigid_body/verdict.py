@@ -397,24 +397,15 @@ def flights_of(problem: LaggedRuns) -> list[PreparedFlight]:
 
 def with_air_at_rest(problem: LaggedRuns, nuisance_values: Values, made_of: Made) -> LaggedRuns:
     """The problem less the steady winds that flights show; itself where they show none."""
-    flights = flights_of(problem)
-    calm = [_in_calm_air(problem, nuisance_values, *numbered) for numbered in enumerate(flights)]
-    moved = any(new is not old for new, old in zip(calm, flights, strict=True))
-    return _like(made_of(calm), problem) if moved else problem
-
-
-def _in_calm_air(
-    problem: LaggedRuns, nuisance_values: Values, number: int, flight: PreparedFlight
-) -> PreparedFlight:
-    """The flight less its steady wind; itself where none is sure."""
-    estimate, drag = _of_flight(problem, nuisance_values, number, flight)
-    if estimate is None:
-        return flight
-    wind = [estimate.parameters[entry.name] / drag for entry in _WIND]
-    sure = any(low > 0.0 or high < 0.0 for low, high in (estimate.interval(e.name, SURE) for e in _WIND))
-    return (
-        _faster(flight, [-speed for speed in wind]) if sure and math.hypot(*wind) >= LEAST_SPEED else flight
-    )
+    calm, known = flights_of(problem), False
+    for number, flight in enumerate(calm):
+        estimate, drag = _of_flight(problem, nuisance_values, number, flight)
+        if estimate is not None:
+            wind = [estimate.parameters[item.name] / drag for item in _WIND]
+            intervals = [estimate.interval(item.name, SURE) for item in _WIND]
+            if math.hypot(*wind) >= LEAST_SPEED and any(low > 0.0 or high < 0.0 for low, high in intervals):
+                calm[number], known = _faster(flight, [-speed for speed in wind]), True
+    return _like(made_of(calm), problem) if known else problem
 
 
 def _faster(flight: PreparedFlight, speed: Sequence[float]) -> PreparedFlight:
