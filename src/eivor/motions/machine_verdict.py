@@ -130,8 +130,8 @@ class MachineChecks(verdict.MotionChecks):
 
     @property
     def numbers(self) -> dict[str, float]:
-        missed = {} if self.missed is None else {f"missed_{self.missed.of}": self.missed.difference.value}
-        return {f"{name}_answers_p_value": value for name, value in self.answers.items()} | missed
+        p_values = {f"{name}_answers_p_value": value for name, value in self.answers.items()}
+        return p_values | {"missed_term_p_value": 1.0 if self.missed is None else self.missed.p_value}
 
     @property
     def report(self) -> tuple[tuple[str, str], ...]:
