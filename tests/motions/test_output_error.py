@@ -11,12 +11,15 @@ import pytest
 import eivor as ev
 from eivor.estimation.methods import by_name
 from eivor.flights.estimate import beyond_errors
+from eivor.flights.grid import upward
 from eivor.flights.motion import FIT, UNCHANGED
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import Implied, SimpleModel
 from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.compatibility import (
     comparisons,
+    in_still_air,
+    wind_table,
     with_one_clock,
     with_velocity,
 )
@@ -24,8 +27,10 @@ from eivor.motions.rigid_body.dynamics import ATTITUDE
 from eivor.motions.rigid_body.output_error import weights_of
 from eivor.motions.rigid_body.verdict import gyroscope_late_s, hover_over_usual
 from eivor.report.document import bounded_numbers
+from eivor.signals.recording import Frame
 from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import Sensors
+from flights.flight_logs import channel
 from motions.turning_logs import BODY, body_flown
 
 
@@ -171,14 +176,27 @@ def test_a_velocity_of_another_sensor_keeps_its_clock():
     assert alone.channel("velocity_x") is log.channel("velocity_x")
 
 
-def test_a_position_gives_the_velocity_that_is_not_logged(flight):
-    log, logged = flight.recording, flight.recording.channel("velocity_y")
-    kept = {name: item for name, item in log.channels.items() if not name.startswith("velocity")}
-    made = with_velocity(replace(log, channels=kept)).channel("velocity_y")
-    assert np.std(made.values - np.interp(made.time_s, logged.time_s, logged.values)) < 0.065  # .06 is noise
-    x = log.channel("position_x")
-    slow = replace(log, channels={**kept, "position_x": replace(x, time_s=30.0 * x.time_s)})
-    assert with_velocity(slow) is slow
+@pytest.mark.parametrize("turning", [1.0, 0.0])
+def test_the_airspeed_determines_the_wind_where_the_vehicle_turns(turning):
+    """3 m/s to the north and -2 m/s to the east, by a sensor that reads 4 % too much."""
+    time, rng = np.arange(0.0, 90.0, 0.1), np.random.default_rng(1)
+    heading, speed = turning * (3.0 * np.sin(0.13 * time) + 0.5 * time), 9.0 + np.sin(0.4 * time)
+    series = dict.fromkeys(("velocity_z", "attitude_x", "attitude_y"), 0.0 * time)
+    series["velocity_x"], series["velocity_y"] = speed * [np.cos(heading), np.sin(heading)] + [[3.0], [-2.0]]
+    series |= {"attitude_w": np.cos(heading / 2), "attitude_z": np.sin(heading / 2), "airspeed": 1.04 * speed}
+    noise = {name: 0.01 * rng.standard_normal(time.size) for name in series}
+    noisy = {name: channel(name, time, values + noise[name]) for name, values in series.items()}
+    log = ev.Recording("air.csv", "csv", noisy, frame=Frame.NED)
+    east, north, scale = (row.value for row in wind_table(log, [log.span_s]))
+    moved, (said,) = in_still_air(upward(log), [log.span_s])
+    speeds = np.hypot(*(moved.channel(name).values for name in ("velocity_x", "velocity_y")))
+    if turning:
+        assert [north, east, scale] == pytest.approx([3.0, -2.0, 1.04], abs=0.02)
+        assert "A wind of 3.6 m/s" in said
+        assert speeds == pytest.approx(speed, abs=0.1)
+    else:
+        assert np.isnan([north, east, scale]).all()
+        assert "hardly turned" in said
 
 
 @pytest.mark.usefixtures("coarse_search")

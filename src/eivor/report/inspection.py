@@ -18,7 +18,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN
 from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.compatibility import Calibration, comparisons
+from eivor.motions.rigid_body.compatibility import Calibration, comparisons, wind_table
 from eivor.report import document as doc
 from eivor.report import flight as report
 from eivor.report.json_document import Json, document
@@ -85,7 +85,8 @@ class Inspection:
     def compatibility(self) -> tuple[Calibration, ...]:
         """Clocks, scales, biases and axes of sensors in the air, by kinematics alone."""
         spans = (self.recording.span_s,) if self.flight is None else self.active(self.flight)[1]
-        return tuple(row for item in comparisons(self.recording, spans) for row in item.table())
+        sensors = (row for item in comparisons(self.recording, spans) for row in item.table())
+        return (*sensors, *wind_table(self.recording, spans))
 
     @property
     def parameters(self) -> dict[str, float]:

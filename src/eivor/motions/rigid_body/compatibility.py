@@ -9,12 +9,18 @@ from functools import cached_property
 import numpy as np
 import scipy
 
+from eivor.errors import EstimationError
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.methods import identify, least_squares
 from eivor.flights.grid import Grid, common_grid, on_grid, upward
+from eivor.flights.quantity import NAN
+from eivor.inference.covariance import EqualWeightedCosines
 from eivor.inference.distributions import t_quantile
 from eivor.logs.common import low_pass_delay_s
+from eivor.models.regression import regression
 from eivor.motions.rigid_body import dynamics
 from eivor.signals.filters import time_derivative
-from eivor.signals.recording import Channel, Recording
+from eivor.signals.recording import Channel, Frame, Recording
 from eivor.tools import Bool, Complex, Float
 
 RATES, FORCES = (
@@ -249,24 +255,85 @@ def with_one_clock(
     return alone if separate else alike, (sentence,)
 
 
-#: Over which the slope of a position is its velocity, and the longest step of such a position [s].
-SLOPE_S, LONGEST_POSITION_STEP_S = 0.12, 0.04
+# -- Wind --
+
+#: A tube measures air from ahead: so fast [m/s], and within 30 degrees of the body's x.
+AIRSPEED, LEAST_AHEAD, LEAST_COSINE = "airspeed", 3.0, 0.87
+#: Step of the comparison, and the least time of such air [s]; times that it is chosen by the last estimate.
+WIND_STEP_S, LEAST_AIR_S, REPEATS = 0.1, 10.0, 4
+#: Standard deviation of the nose's direction from which errors of the attitude matter little [rad].
+LEAST_TURN = 0.2
+#: Of gusts a flight holds few independent ones: so many cosine averages.
+AVERAGES = 4
+#: A wind whose interval reaches further to either side is not known [m/s].
+KNOWN_WITHIN = 3.0
+WIND, SCALE = ("wind_x", "wind_y"), "scale"
+MEASURED_AIR = (*dynamics.ATTITUDE, *dynamics.VELOCITY, AIRSPEED)
 
 
-def with_velocity(log: Recording) -> Recording:
-    """The log with slopes of its position as velocity, where none is logged."""
-    positions = [log.channels[name] for name in dynamics.POSITION if name in log.channels]
-    if any(name in log.channels for name in dynamics.VELOCITY) or len(positions) < 3:
-        return log
-    slopes = {}
-    for name, item in zip(dynamics.VELOCITY, positions, strict=True):
-        known = np.isfinite(item.values)
-        t, x = item.time_s[known] - item.time_s[0], item.values[known]
-        step_s = float(np.median(np.diff(t))) if x.size > 1 else np.inf
-        if step_s > LONGEST_POSITION_STEP_S:
-            return log
-        size = 2 * max(round(0.5 * SLOPE_S / step_s), 1) + 1
-        means = [scipy.ndimage.uniform_filter1d(y, size, mode="nearest") for y in (t, x, t * t, t * x)]
-        slope = (means[3] - means[0] * means[1]) / (means[2] - means[0] ** 2)
-        slopes[name] = Channel(name, item.time_s[known], slope, "m/s")
-    return replace(log, channels={**log.channels, **slopes})
+def wind_of(log: Recording, spans_s: Iterable[tuple[float, float]]) -> Estimate | None:
+    """Wind of a log, z up, by airspeed = scale (velocity less wind) along the nose; None if not known."""
+    if not logged(log, MEASURED_AIR):
+        return None
+    grid, series, valid = _on_common_grid([log.channels[name] for name in MEASURED_AIR], WIND_STEP_S)
+    nose = np.stack([row[0] for row in dynamics.rotation(*dynamics.continuous(series[:4]))])
+    velocity, measured, time_s = series[4:7], series[7], grid.time_s
+    valid &= np.any([(time_s >= low) & (time_s <= high) for low, high in spans_s], axis=0)
+    scale, wind, used, estimate = 1.0, np.zeros(3), valid & (measured > LEAST_AHEAD), None
+    for _ in range(REPEATS):
+        # by changes from the last estimate, so that the wind is a parameter
+        ahead = (nose * (velocity - wind[:, None])).sum(axis=0)
+        columns, response = np.stack([*(-scale * nose[:2]), ahead]), measured - scale * wind @ nose
+        turning = np.linalg.norm(nose[:2, used].std(axis=1)) if used.any() else 0.0
+        if used.sum() * grid.step_s < LEAST_AIR_S or turning < LEAST_TURN:
+            return None
+        try:
+            rows = regression(response[used], columns[:, used].T, names=(*WIND, SCALE))
+            estimate = identify(rows, least_squares()).with_covariance(EqualWeightedCosines(AVERAGES))
+        except EstimationError:  # the nose points nowhere else
+            return None
+        wind[:2], scale = estimate.theta[:2], float(estimate.theta[2])
+        air = velocity - wind[:, None]
+        used = valid & (
+            (nose * air).sum(axis=0) > np.maximum(LEAST_AHEAD, LEAST_COSINE * np.linalg.norm(air, axis=0))
+        )
+    widest = max(high - low for low, high in map(estimate.interval, WIND)) if estimate else np.inf
+    return estimate if widest <= 2.0 * KNOWN_WITHIN else None
+
+
+def wind_table(log: Recording, spans_s: Sequence[tuple[float, float]]) -> Iterator[Calibration]:
+    """Wind, towards which the air moves, and the sensor's scale; NaN of what is not known."""
+    if not logged(log, MEASURED_AIR):
+        return
+    known, down = wind_of(upward(log), spans_s), log.frame is Frame.NED
+    # where z is down, x points north, and y, which is turned up, to the west
+    east, north = ((WIND[1], -1.0), (WIND[0], 1.0)) if down else ((WIND[0], 1.0), (WIND[1], 1.0))
+    for label, (name, sign), unit in (
+        ("wind to the east", east, "m/s"),
+        ("wind to the north", north, "m/s"),
+        ("airspeed, scale", (SCALE, 1.0), ""),
+    ):
+        value, low, high = NAN, NAN, NAN
+        if known is not None:
+            value = sign * known.parameters[name]
+            low, high = sorted(sign * end for end in known.interval(name))
+        yield Calibration(label, value, (low, high), unit)
+
+
+def in_still_air(log: Recording, spans_s: Sequence[tuple[float, float]]) -> tuple[Recording, tuple[str, ...]]:
+    """A log, z up, whose world moves with the wind, where airspeed determines it."""
+    if not logged(log, MEASURED_AIR):
+        return log, ()
+    known = wind_of(log, spans_s)
+    if known is None:
+        note = "The airspeed does not determine the wind, since the vehicle hardly turned: air is at rest."
+        return log, (note,)
+    channels = dict(log.channels)
+    for stem, power in (("velocity", 0), ("position", 1)):
+        for axis, speed_along in zip("xy", known.theta, strict=False):
+            item = channels.get(f"{stem}_{axis}")
+            if item is not None:
+                channels[item.name] = replace(item, values=item.values - speed_along * item.time_s**power)
+    speed = float(np.hypot(*known.theta[:2]))
+    text = f"A wind of {speed:.2g} m/s, by the airspeed, is taken out of velocity and position."
+    return replace(log, channels=channels), (text,)

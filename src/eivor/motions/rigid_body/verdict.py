@@ -31,6 +31,7 @@ from eivor.motions.equation import DrivenColumns, Term
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import regression as terms
 from eivor.motions.rigid_body import vehicle as vehicles
+from eivor.motions.rigid_body.compatibility import wind_of
 from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY
 from eivor.motions.rigid_body.physical_parameters import Combinations
 from eivor.motions.rigid_body.regression import DRAG, GAIN, GYROSCOPIC_MOMENT, PRODUCT
@@ -490,8 +491,9 @@ def half_widths_by_wind(
     changes = []
     for number, flight in enumerate(flights):
         if flying[number].signals is flight.signals:
-            continue
-        known, drag = _of_flight(problem, estimate.nuisances, number, flying[number])
+            known, drag = wind_of(flight.recording, [flight.span_s]), 1.0  # by an airspeed
+        else:
+            known, drag = _of_flight(problem, estimate.nuisances, number, flying[number])
         for part in () if known is None else known.joint_covariance.parts:
             axes = principal_axes(part.matrix[:2, :2], part.half_widths(0.95)).T / drag
             changes += [0.5 * (by(number, axis) - by(number, -axis)) for axis in axes]
