@@ -176,6 +176,16 @@ def test_a_velocity_of_another_sensor_keeps_its_clock():
     assert alone.channel("velocity_x") is log.channel("velocity_x")
 
 
+def test_a_position_gives_the_velocity_that_is_not_logged(flight):
+    log, logged = flight.recording, flight.recording.channel("velocity_y")
+    kept = {name: item for name, item in log.channels.items() if not name.startswith("velocity")}
+    made = with_velocity(replace(log, channels=kept)).channel("velocity_y")
+    assert np.std(made.values - np.interp(made.time_s, logged.time_s, logged.values)) < 0.065  # .06 is noise
+    x = log.channel("position_x")
+    slow = replace(log, channels={**kept, "position_x": replace(x, time_s=30.0 * x.time_s)})
+    assert with_velocity(slow) is slow
+
+
 @pytest.mark.parametrize("turning", [1.0, 0.0])
 def test_the_airspeed_determines_the_wind_where_the_vehicle_turns(turning):
     """3 m/s to the north and -2 m/s to the east, by a sensor that reads 4 % too much."""

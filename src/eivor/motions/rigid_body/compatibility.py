@@ -255,6 +255,29 @@ def with_one_clock(
     return alone if separate else alike, (sentence,)
 
 
+#: Over which the slope of a position is its velocity, and the longest step of such a position [s].
+SLOPE_S, LONGEST_POSITION_STEP_S = 0.12, 0.04
+
+
+def with_velocity(log: Recording) -> Recording:
+    """The log with slopes of its position as velocity, where none is logged."""
+    positions = [log.channels[name] for name in dynamics.POSITION if name in log.channels]
+    if any(name in log.channels for name in dynamics.VELOCITY) or len(positions) < 3:
+        return log
+    slopes = {}
+    for name, item in zip(dynamics.VELOCITY, positions, strict=True):
+        known = np.isfinite(item.values)
+        t, x = item.time_s[known] - item.time_s[0], item.values[known]
+        step_s = float(np.median(np.diff(t))) if x.size > 1 else np.inf
+        if step_s > LONGEST_POSITION_STEP_S:
+            return log
+        size = 2 * max(round(0.5 * SLOPE_S / step_s), 1) + 1
+        means = [scipy.ndimage.uniform_filter1d(y, size, mode="nearest") for y in (t, x, t * t, t * x)]
+        slope = (means[3] - means[0] * means[1]) / (means[2] - means[0] ** 2)
+        slopes[name] = Channel(name, item.time_s[known], slope, "m/s")
+    return replace(log, channels={**log.channels, **slopes})
+
+
 # -- Wind --
 
 #: A tube measures air from ahead: so fast [m/s], and within 30 degrees of the body's x.

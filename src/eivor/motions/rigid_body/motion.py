@@ -27,7 +27,7 @@ from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, Warm
 from eivor.motions.equation import AxisEquation, DeclaredMotion, simple_models
 from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, excitation, rate_panel, refuse_degrees
 from eivor.motions.rigid_body import regression, verdict
-from eivor.motions.rigid_body.compatibility import in_still_air, with_one_clock
+from eivor.motions.rigid_body.compatibility import SLOPE_S, in_still_air, with_one_clock, with_velocity
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import NOT_NEGATIVE, refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
@@ -159,7 +159,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
             *stamp_findings,
             *(Finding("clocks_apart", text) for text in clock_notes),
             *(Finding("wind", text) for text in wind),
-            *_findings(forces, moving),
+            *_findings(forces, moving, sloped=regression.NEEDED[0] not in original.channels),
         ),
         log=with_headed_references(log),
         issued_within_s=step_s,
