@@ -433,7 +433,7 @@ def test_what_an_unknown_clock_leaves_open_is_in_the_lag(short):
     part, by_loops, *_, rotors = fit.quantities["effective_lag"].systematic_uncertainties
     assert part.above == pytest.approx(0.25 * 0.005)  # once a rate of 200 Hz at least
     assert "how often" in part.sentence
-    assert by_loops.above == pytest.approx(0.5 * (0.010 - 0.001))
+    assert by_loops.above == pytest.approx(0.5 * (0.020 - 0.001))
     of_delay = [item.above for item in fit.quantities["delay"].systematic_uncertainties]
     assert of_delay[:2] == [part.above, by_loops.above]
     assert (rotors.below, rotors.above) == (0.001, 0.001)
