@@ -130,6 +130,7 @@ def test_short_flights_have_no_output_error(flight):
     assert "30 windows of 0.5 s or more" in short.verdict.sentences[0]
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_kinematics_finds_clock_scale_and_bias_and_clocks_are_put_together(flight):
     """A gyroscope that is 12 ms late, 4 % too large about x and has a bias of .03 rad/s."""
     log = flight.recording

@@ -44,7 +44,7 @@ from eivor.tools import Complex, Float
 STEPS_OF_FILTER = 4.0
 
 #: Makes the problem of flights.
-Made = Callable[[Sequence[PreparedFlight]], LaggedRuns]
+Made = Callable[[tuple[PreparedFlight, ...]], LaggedRuns]
 
 LAGS = (ACTUATOR_LAG.name, lagged_runs.DELAY.name, EFFECTIVE_LAG, *lagged_runs.LAGS_UP_AND_DOWN)
 
@@ -406,7 +406,7 @@ def with_air_at_rest(problem: LaggedRuns, nuisance_values: Values, made_of: Made
             intervals = [estimate.interval(item.name, SURE) for item in _WIND]
             if math.hypot(*wind) >= LEAST_SPEED and any(low > 0.0 or high < 0.0 for low, high in intervals):
                 calm[number], known = _faster(flight, [-speed for speed in wind]), True
-    return _like(made_of(calm), problem) if known else problem
+    return _like(made_of(tuple(calm)), problem) if known else problem
 
 
 def _faster(flight: PreparedFlight, speed: Sequence[float]) -> PreparedFlight:
@@ -483,7 +483,7 @@ def half_widths_by_wind(
 
     def by(number: int, speed: Float[np.ndarray, " 2"]) -> Float[np.ndarray, " k"]:
         moved = [*flying[:number], _faster(flying[number], speed.tolist()), *flying[number + 1 :]]
-        made = with_products(made_of(moved), estimate.parameters, chosen)
+        made = with_products(made_of(tuple(moved)), estimate.parameters, chosen)
         made = made if spin is None else with_common_rotor_inertia(made, spin)
         runs = replace(_like(made, problem), nuisances=at)
         return identify(runs, by_name(estimate.method)).theta

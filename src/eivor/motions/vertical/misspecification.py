@@ -350,7 +350,10 @@ def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFligh
     sideways = [_sideways(flight) for flight in flights]
     names = tuple(sideways[0]) if all(speeds.keys() == sideways[0].keys() for speeds in sideways) else ()
     pairs = [(item, [of[name] for name in names]) for item, of in zip(problem.columns, sideways, strict=True)]
-    leaning = [np.array([-np.gradient(v, item.step_s) for v in speeds]).T for item, speeds in pairs]
+    slopes = ([-np.gradient(v, item.step_s) for v in speeds] for item, speeds in pairs)
+    leaning = [
+        np.array(of).reshape(-1, len(item.fixed)).T for (item, _), of in zip(pairs, slopes, strict=True)
+    ]
     tilts = tuple(TILTS[name] for name in names)
     return response_difference(problem, leaning, [_lags(*pair) for pair in pairs], tilts)
 
