@@ -302,17 +302,6 @@ def pooled_vehicles(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
     return _report(about, grouped, across, shares).with_columns(*only)
 
 
-def pooled_types(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
-    """Each type's mean over its vehicles: `type`, `pooled` (how many vehicles), and `POOLED`."""
-    rows = rows.filter(pl.col(TOGETHER) == pl.col("type"))
-    about, groups = groups_of(rows, *VEHICLE)
-    types, vehicles = groups_of(about, "type")
-    grouped = Grouped(groups, *_arrays(rows, pooled(across)))
-    means = grouped.weighted(grouped.paule_mandel(vehicles))
-    shares = rows[SHARE].to_numpy()[groups.starts][vehicles.starts]
-    return _report(types, Grouped(vehicles, means.mean, 1.0 / means.total), across, shares)
-
-
 def _report(
     about: pl.DataFrame, grouped: Grouped, across: AcrossFlights, shares: Bool[np.ndarray, " groups"]
 ) -> pl.DataFrame:
@@ -573,7 +562,15 @@ class _Quantity:
             return np.where(np.isfinite(values), np.expm1(values), np.nan)
 
     def types(self) -> pl.DataFrame:
-        return pooled_types(self.used, self.across).with_columns(quantity=self.name)
+        """Each type's mean over its vehicles: `type`, `pooled` (how many vehicles), and `POOLED`."""
+        rows = self.used.filter(pl.col(TOGETHER) == pl.col("type"))
+        about, groups = groups_of(rows, *VEHICLE)
+        types, vehicles = groups_of(about, "type")
+        grouped = Grouped(groups, *_arrays(rows, pooled(self.across)))
+        means = grouped.weighted(grouped.paule_mandel(vehicles))
+        shares = rows[SHARE].to_numpy()[groups.starts][vehicles.starts]
+        of_types = Grouped(vehicles, means.mean, 1.0 / means.total)
+        return _report(types, of_types, self.across, shares).with_columns(quantity=self.name)
 
     def deviating(self, tests: pl.DataFrame) -> pl.DataFrame:
         if self.trend is None:

@@ -357,7 +357,9 @@ def airborne(*, input_level: Series, step_s: float, landed: Mask | None, height:
         return Active(np.zeros(off.size, dtype=np.bool_), "the input, which never rises above zero")
     if height is not None:
         usual_level = float(np.median(input_level[input_level > 0.5 * level]))
-        off |= _carried_by_ground(input_level < CARRIED_SHARE * usual_level, height, step_s)
+        # weak input at constant height: the ground carries the vehicle
+        for stretch in stretches(_long_stretches(input_level < CARRIED_SHARE * usual_level, step_s)):
+            off[stretch] |= np.ptp(height[stretch]) < CLEARANCE_M
     if off.sum() * step_s < OFF_FOR_S:
         return Active(np.ones(off.size, dtype=np.bool_), "the input, which is never off")
     if height is None:
@@ -386,14 +388,6 @@ def _without_spool_up(flying: Mask, lift: Series, step_s: float) -> Mask:
         if stretch.stop < flying.size and lifted.size and lifted[-1] < levels.size - 1:
             result[stretch.start + int(lifted[-1]) + 1 - margin : stretch.stop] = False
     return result
-
-
-def _carried_by_ground(weak: Mask, height: Series, step_s: float) -> Mask:
-    """Samples of the long stretches of weak input at constant height."""
-    carried = _long_stretches(weak, step_s)
-    for stretch in stretches(carried):
-        carried[stretch] = np.ptp(height[stretch]) < CLEARANCE_M
-    return carried
 
 
 def _long_stretches(mask: Mask, step_s: float) -> Mask:

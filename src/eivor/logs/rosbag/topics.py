@@ -201,19 +201,14 @@ def read_contents(
                 raise
             text = f"{got} messages of '{file.name}' were read" if got else "A part was left out"
             findings.append(Finding("corrupt_parts", f"{text}: {error.received}."))
-    findings += _lost_findings(contents, declared_by_metadata(files))
-    return contents
-
-
-def _lost_findings(contents: Contents, metadata: Counter[str]) -> list[Finding]:
-    """Finding on the topics of which the bag declares more messages than were read."""
     unread = contents.kinds.keys() - contents.selected
-    texts = [
+    lost = [
         f"{name} {count - contents.received[name]} of {count}"
-        for name, count in (contents.declared | metadata).items()
+        for name, count in (contents.declared | declared_by_metadata(files)).items()
         if count > contents.received[name] and name not in unread
     ]
-    return noted("lost_messages", "Messages that the bag declares and that are not there: {}.", texts)
+    findings += noted("lost_messages", "Messages that the bag declares and that are not there: {}.", lost)
+    return contents
 
 
 def _add_file(file: Path, selects: Callable[[str, str], bool], budget: Budget, contents: Contents) -> None:

@@ -42,13 +42,6 @@ JUMP_STEPS = 3
 MOST_SAMPLES, MEMORY_S, BLOCK_S = 50_000, 0.3, 1.0
 
 
-def _longest_run(flight: PreparedFlight) -> PreparedFlight:
-    """The flight with the first samples of its longest run only."""
-    longest = max(flight.runs, key=lambda run: run.stop - run.start)
-    run = slice(longest.start, min(longest.stop, longest.start + MOST_SAMPLES))
-    return replace(flight, runs=(run,)).shortened
-
-
 def _gains(flight: PreparedFlight, limits: Sequence[CommandLimit]) -> Float[np.ndarray, "blocks k"]:
     """By how much each limit makes the squared innovations of the force balance smaller than none does.
 
@@ -107,7 +100,11 @@ def command_limit(problem: VerticalFlights) -> CommandLimit | None:
     """
     if any(flight.input.measured or not flight.issued for flight in problem.flights):
         return None
-    flights = list(map(_longest_run, problem.flights))
+    flights = []
+    for flight in problem.flights:  # the first samples of its longest run only
+        longest = max(flight.runs, key=lambda run: run.stop - run.start)
+        run = slice(longest.start, min(longest.stop, longest.start + MOST_SAMPLES))
+        flights.append(replace(flight, runs=(run,)).shortened)
 
     def gains_of(limits: list[CommandLimit]) -> Float[np.ndarray, "blocks k"]:
         return np.concatenate([_gains(flight, limits) for flight in flights])
