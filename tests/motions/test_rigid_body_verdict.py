@@ -27,7 +27,7 @@ from eivor.motions.rigid_body.motion import FULL_BAND_HZ, RigidBody, in_full_ban
 from eivor.motions.rigid_body.vehicle import KnownNumber, vehicle_from_record
 from eivor.report.saved_fit import SavedFit, load_fit
 from eivor.report.terminal import on_terminal
-from eivor.report.validation import validation_document
+from eivor.report.validation import quantity_comparisons, validation_document
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Recording
 from eivor.simulation.controller import Sensor
@@ -483,6 +483,13 @@ def test_another_flight_is_validated(flown_ahead, truth, tmp_path):
     figure = validate.plot()
     assert len(figure.axes) == 12
     assert [axes.get_ylabel() for axes in figure.axes[:2]] == ["roll rate [deg/s]", "RMS error [deg/s]"]
+
+
+def test_friction_at_the_speeds_of_a_flight_is_not_compared():
+    first, second = (SimpleNamespace(value=x, half_width=0.01, verdict=Status.IDENTIFIED) for x in (0.4, 0.9))
+    fit, flight = (dict.fromkeys(("viscous_friction", "drag_z"), item) for item in (first, second))
+    rows = quantity_comparisons(regression.QUANTITIES, fit, flight)
+    assert [row.fit.name for row in rows] == ["drag_z"]
 
 
 def test_a_vehicle_comes_back_from_a_result():

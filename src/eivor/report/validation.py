@@ -62,7 +62,7 @@ def quantity_comparisons(
     rows = []
     for name, spec in table.items():
         parameter = not spec.derived and name not in LAG_SUMS[EFFECTIVE_LAG]
-        compared = parameter or spec.need or name == EFFECTIVE_LAG
+        compared = parameter or spec.across or name == EFFECTIVE_LAG  # not what is of a flight's speeds
         if spec.by_run or not compared or name not in fit or name not in flight:
             continue
         pair = doc.QuantityRow(name, spec, _summed(fit, name)), doc.QuantityRow(name, spec, flight[name])
