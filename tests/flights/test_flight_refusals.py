@@ -12,14 +12,7 @@ from flight_logs import channel as logged
 from test_grid import channel, empty
 
 import eivor as ev
-from eivor.errors import (
-    InputError,
-    MissingChannelError,
-    ParameterError,
-    PoolingError,
-    ShapeError,
-    UsageError,
-)
+from eivor.errors import InputError, MissingChannelError, ParameterError, PoolingError, ShapeError, UsageError
 from eivor.flights.grid import common_grid
 from eivor.flights.options import FlightOptions
 from eivor.motions.vertical.select import vertical_row

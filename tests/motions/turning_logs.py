@@ -29,6 +29,7 @@ class Vehicle:
     lag_s: float = 0.035
     delayed: int = 2
     second_s: float = 0.0  # Lag of the motor's controller, before that of the rotor
+    drag_moment: tuple[float, float, float] = (0.0, 0.0, 0.0)  # By the integral of the angle [1/s^3]
 
     @property
     def effective_lag_s(self):
@@ -80,7 +81,7 @@ def turned(
     slope, before, controlled = np.zeros(3), np.zeros(3), np.zeros(3)
     followed = 1.0 - np.exp(-STEP_S / flight.second_s) if flight.second_s else 1.0
     kept = np.exp(-2.0 * np.pi * 30.0 * STEP_S)
-    rates = np.empty((count, 3))
+    rates, drift = np.empty((count, 3)), np.zeros(3)
     for k in range(count):
         rate = state[:, 1] + measured[k]
         rates[k] = rate
@@ -90,7 +91,8 @@ def turned(
         requested = gain * wanted + derivative * slope + (0.0 if injected is None else injected[k])
         issued[k + flight.delayed] = np.clip(requested, -1.0, 1.0)
         controlled = controlled + followed * (issued[k] - controlled)
-        inputs = np.stack([controlled, torque[k]], axis=1)
+        drift += STEP_S * state[:, 2]
+        inputs = np.stack([controlled, torque[k] - np.array(flight.drag_moment) * drift], axis=1)
         state = (onward @ state[:, :, None] + driven @ inputs[:, :, None])[:, :, 0]
     time = np.arange(count) * STEP_S
     looked = np.arange(0.0, seconds - 0.5 * STEP_S, 1.0 / command_hz)

@@ -292,3 +292,17 @@ def rate_limited(
         np.maximum(inputs[k], state - steps[k], out=results[k])
         state = np.minimum(results[k], state + steps[k], out=results[k])
     return results[block:].transpose(1, 2, 0).reshape(limits.size, rows.shape[1] * block)[:, : values.size]
+
+
+#: Half of a variation at this frequency is taken out of an integral [Hz].
+SLOW_HZ = 0.05
+
+
+def integrated(rate: Float[np.ndarray, " length"], step_s: float) -> Float[np.ndarray, " length"]:
+    """Integral behind a zero-phase Butterworth high-pass of the second order."""
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * step_s
+    detrended = integral - np.linspace(integral[0], integral[-1], integral.size)
+    frequency = np.fft.rfftfreq(detrended.size, step_s)
+    gain = np.zeros(frequency.size)
+    gain[1:] = 1.0 / (1.0 + (SLOW_HZ / frequency[1:]) ** 4)
+    return np.asarray(np.fft.irfft(gain * np.fft.rfft(detrended), detrended.size))

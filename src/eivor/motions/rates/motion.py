@@ -12,6 +12,7 @@ import numpy as np
 
 from eivor.errors import EstimationError, InputError, MissingChannelError, UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.methods import by_name, identify
 from eivor.flights import quantity, verdict
 from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG
@@ -23,8 +24,10 @@ from eivor.inference.verdict import Cause, Status
 from eivor.models import lagged_runs
 from eivor.models.frequency_response import local_polynomials, spectra
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_STAGE, LaggedRuns
+from eivor.models.regression import Parameter
 from eivor.models.separable import AT_END, InstrumentRule, LaggedReferences, WarmStart
 from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, equation_prediction, simple_models
+from eivor.signals.filters import integrated
 from eivor.signals.recording import HELICOPTER, Channel, Finding, Recording
 from eivor.tools import Float
 
@@ -96,6 +99,7 @@ def _axis(name: str, letter: str) -> Axis:
 
 AXES = ROLL, PITCH, YAW = _axis("roll", "x"), _axis("pitch", "y"), _axis("yaw", "z")
 TERMS = tuple(term.name for axis in AXES for term in axis.terms)
+DAMPINGS = tuple(f"{axis.name}_damping" for axis in AXES)
 EFFECTS = tuple(f"{axis.name}_effectiveness" for axis in AXES)
 
 
@@ -219,6 +223,8 @@ class OrderChecks(verdict.MotionChecks):
     """Change of quantities by a second actuator stage that flights neither show nor exclude."""
 
     changes: Mapping[str, float] = field(default_factory=dict)
+    #: How far the dampings that are left by drag beside the centre of mass reach down and up
+    by_drag: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def _second_stage(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
@@ -247,6 +253,12 @@ PARTS = (
     *verdict.clock_parts((*LAGS, DELAY.name), (*EFFECTS, "yaw_reaction")),
     verdict.SystematicPart(
         (*LAGS, DELAY.name, *TERMS), quantity.Counts.ADDED, _second_stage, _second_stage_sentence
+    ),
+    verdict.SystematicPart(
+        DAMPINGS,
+        quantity.Counts.ADDED,
+        lambda inputs, name: inputs.checks.by_drag.get(name, 0.0),
+        "Drag above or below the centre of mass may turn it: intervals reach to the damping without it.",
     ),
     verdict.SystematicPart(LAGS, quantity.Counts.ADDED, lambda *_: ROTOR_LAG_S, f"{ROTORS}lag by 1 ms."),
     verdict.SystematicPart(
@@ -373,6 +385,31 @@ def excitation(flights: Flights, axes: tuple[Axis, ...] = ()) -> str:
     )
 
 
+def reach_by_drag(
+    problem: LaggedRuns, estimate: Estimate, flights: Flights
+) -> dict[str, tuple[float, float]]:
+    """Reach of dampings if drag beside the centre of mass turns, as second integrals of rates do."""
+    tilting, columns = [axis for axis in problem.axes if AXES[axis] is not YAW], []
+    for item in problem.columns:
+        added, signals = np.zeros((item.fixed.shape[0], len(tilting))), flights[item.flight].signals
+        for run in item.runs if item.axis in tilting else ():
+            tilt = integrated(signals.channel(AXES[item.axis].rate)[run], signals.step_s)
+            added[run, tilting.index(item.axis)] = integrated(tilt, signals.step_s)
+        columns.append(replace(item, fixed=np.hstack([item.fixed, added])))
+    moments = [Parameter(f"{AXES[axis].name}_by_drag", "1/s^3") for axis in tilting]
+    parameters = (*problem.parameters[: problem.still], *moments, *problem.parameters[problem.still :])
+    at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
+    wider = replace(problem, columns=tuple(columns), parameters=parameters, nuisances=at, warm_start=None)
+    try:
+        other = identify(wider, by_name(estimate.method))
+    except EstimationError:  # instruments are too few for it
+        return {}
+    names = [name for name in DAMPINGS if name in estimate.names]
+    ends = ((*estimate.interval(name), *other.interval(name)) for name in names)
+    reach = [(max(low - least, 0.0), max(most - high, 0.0)) for low, high, least, most in ends]
+    return dict(zip(names, reach, strict=True))
+
+
 @dataclass(frozen=True)
 class Rates(DeclaredMotion[LaggedRuns]):
     """p' = G u - D p + b about each axis, behind the lag of the actuators."""
@@ -404,11 +441,12 @@ class Rates(DeclaredMotion[LaggedRuns]):
         columns = (_up_to_reach(column, flights[column.flight]) for column in problem.columns)
         return replace(problem, columns=tuple(columns))
 
-    def checks(self, _problem: LaggedRuns, estimate: Estimate, _flights: Flights, /) -> OrderChecks:
+    def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> OrderChecks:
         other, here = estimate.other_order, {**estimate.parameters, **estimate.nuisances}
         changes = {name: other[name] - value for name, value in here.items() if name in other}
         lags = [changes.get(item.name, 0.0) for item in (ACTUATOR_LAG, DELAY)]
-        return OrderChecks({**changes, EFFECTIVE_LAG: sum(lags)})
+        by_drag = reach_by_drag(problem, estimate, flights)
+        return OrderChecks({**changes, EFFECTIVE_LAG: sum(lags)}, by_drag)
 
     def view(self, flight: PreparedFlight) -> FlightView:
         symbols = f"u = {flight.input.name} of each axis, behind a lag τ and a delay d that all share"

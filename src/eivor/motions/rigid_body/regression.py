@@ -22,7 +22,7 @@ from eivor.motions.rates.motion import AXES, PITCH, ROLL
 from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Rows, felt, into_body, rotation
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.signals.channels import family_members
-from eivor.signals.filters import Series, low_passed, shifted_by, time_derivative
+from eivor.signals.filters import Series, integrated, low_passed, shifted_by, time_derivative
 from eivor.signals.recording import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import input_map
@@ -201,8 +201,6 @@ def _rows(signals: Signals) -> Rows:
 FORCE = "specific_force_body_z"
 #: Lowest frequency at which the integral serves [Hz].
 FROM_HZ = 0.2
-#: Half of a variation at this frequency is taken out of an integral [Hz].
-TAKEN_OUT_HZ = FROM_HZ / 4.0
 
 
 def inferred_velocity(signals: Signals, runs: Sequence[slice]) -> Series | None:
@@ -212,25 +210,15 @@ def inferred_velocity(signals: Signals, runs: Sequence[slice]) -> Series | None:
     velocity = np.zeros(signals.sample_count)
     for run in runs:
         excess = signals.channel(FORCE)[run] - GRAVITY * _cos_tilt(signals, run)
-        velocity[run] = _integrated(excess - excess.mean(), signals.step_s)
+        velocity[run] = integrated(excess - excess.mean(), signals.step_s)
     return velocity
 
 
 def _cos_tilt(signals: Signals, run: slice) -> Float[np.ndarray, " length"]:
     if set(ATTITUDE) <= set(signals.channels):
         return np.asarray(_rows(signals)[2][2])[run]
-    roll, pitch = (_integrated(signals.channel(axis.rate)[run], signals.step_s) for axis in (ROLL, PITCH))
+    roll, pitch = (integrated(signals.channel(axis.rate)[run], signals.step_s) for axis in (ROLL, PITCH))
     return np.asarray(np.cos(roll) * np.cos(pitch))
-
-
-def _integrated(rate: Float[np.ndarray, " length"], step_s: float) -> Float[np.ndarray, " length"]:
-    """Integral behind a zero-phase Butterworth high-pass of the second order."""
-    integral = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * step_s
-    detrended = integral - np.linspace(integral[0], integral[-1], integral.size)
-    frequency = np.fft.rfftfreq(detrended.size, step_s)
-    gain = np.zeros(frequency.size)
-    gain[1:] = 1.0 / (1.0 + (TAKEN_OUT_HZ / frequency[1:]) ** 4)
-    return np.asarray(np.fft.irfft(gain * np.fft.rfft(detrended), detrended.size))
 
 
 # -- Instruments --
