@@ -41,7 +41,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_996, "lines of tests": 35_998}
+PROJECT_BOUNDS = {"lines of `validation/`": 8_996, "lines of tests": 35_999}
 
 
 def lint_imports(source):

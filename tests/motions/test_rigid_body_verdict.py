@@ -485,6 +485,7 @@ def test_another_flight_is_validated(flown_ahead, truth, tmp_path):
     assert [axes.get_ylabel() for axes in figure.axes[:2]] == ["roll rate [deg/s]", "RMS error [deg/s]"]
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_friction_at_the_speeds_of_a_flight_is_not_compared():
     first, second = (SimpleNamespace(value=x, half_width=0.01, verdict=Status.IDENTIFIED) for x in (0.4, 0.9))
     fit, flight = (dict.fromkeys(("viscous_friction", "drag_z"), item) for item in (first, second))
