@@ -125,7 +125,7 @@ def test_an_order_that_contradicts_the_data_is_named(flight):
 
 @pytest.mark.thorough
 def test_without_velocity_only_drag_along_z_is_told_and_it_is_said(flight):
-    blind = changed(flight.recording, *(f"velocity_{axis}" for axis in "xyz"))
+    blind = changed(flight.recording, *(f"{of}_{axis}" for of in ("velocity", "position") for axis in "xyz"))
     result = identify_flight(blind, model=DELAY_KNOWN)
     assert [name for name in result.quantities if name.startswith("drag")] == ["drag_z"]
     (findings_kept,) = [finding for finding in result.findings if finding.name == "no_body_velocity"]

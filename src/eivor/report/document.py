@@ -240,7 +240,7 @@ def verdict_label(status: Status, interval: tuple[float, float]) -> str:
 def holds_zero(interval: tuple[float, float]) -> bool:
     """Whether an interval with two ends holds zero and more."""
     low, high = interval
-    return -math.inf < low <= 0.0 <= high < math.inf and low < high
+    return bool(-math.inf < low <= 0.0 <= high < math.inf and low < high)
 
 
 def _decimals(spread: float, digits: int = 2) -> int:
