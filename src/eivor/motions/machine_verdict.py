@@ -335,7 +335,7 @@ def missed_term(
     """The curve of a term, predicted by the instruments, that explains most of the residual, if any does."""
     values, count = estimate.nuisances, len(problem.parameters)
     candidates = list[tuple[float, str, np.ndarray, np.ndarray]]()
-    for place, number in enumerate(problem.axes):
+    for block, number in enumerate(problem.axes):
         signed = [(-1.0 if term.of.startswith("-") else 1.0, term) for term in axes[number].terms]
         terms = [(sign, replace(term, of=term.of.removeprefix("-"))) for sign, term in signed]
         terms = [(sign, term) for sign, term in terms if term.is_linear]
@@ -348,7 +348,7 @@ def missed_term(
         for words, curve in CURVES.items():
             regressors = problem.spectra([curve(columns) for columns in measured])
             instruments = problem.spectra([curve(columns) for columns in predicted])
-            for k, (_, term) in enumerate(terms, place * len(terms)):
+            for k, (_, term) in enumerate(terms, block * len(terms)):
                 if not (term.behind and curve is np.sign):
                     column, instrument = regressors[:, [k]], instruments[:, [k]]
                     p_value = test.p_value(instrument)
