@@ -248,14 +248,14 @@ def _shipped_group(
     load: Callable[[str], object],
     text: Callable[[str], str],
 ) -> typer.Typer:
-    app, text = cli.group(noun, about), cli.option(f"{noun} show")
+    app, option = cli.group(noun, about), cli.option(f"{noun} show")
 
     @cli.command(app, "list", f"List the {noun}s that come with Eivor.")
     def list_shipped() -> None:
         cli.show_table(titles, rows())
 
     @cli.command(app, about=f"Check a {noun}'s file, and print it.")
-    def show(file: Annotated[str, cli.Reads()] = text) -> None:
+    def show(file: Annotated[str, cli.Reads()] = option) -> None:
         load(file)
         cli.write(text(file))
 
