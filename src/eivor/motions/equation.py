@@ -337,16 +337,19 @@ OFFSET, SCALE = Parameter("offset", "s"), Parameter("scale", "")
 LEAST_DIFFERENCE = {OFFSET.name: 0.001, SCALE.name: 0.005}
 
 
+def has_two_responses(problem: LaggedRuns) -> bool:
+    """Whether an equation has two responses, and instruments to compare them by."""
+    pairs = all(item.responses.shape[1] == 2 and item.instruments.shape[1] for item in problem.columns)
+    return pairs and len(problem.axes) == 1
+
+
 def response_difference(
     problem: LaggedRuns,
     columns: Sequence[Float[np.ndarray, "n k"]] = (),
     instruments: Sequence[Float[np.ndarray, "n p"]] = (),
     parameters: tuple[Parameter, ...] = (),
-) -> GivenBins | None:
-    """Regression of the difference of two responses on offset, scale and other columns; None for one."""
-    pairs = all(item.responses.shape[1] == 2 and item.instruments.shape[1] for item in problem.columns)
-    if not pairs or len(problem.axes) > 1:
-        return None
+) -> GivenBins:
+    """Regression of the difference of two responses on offset, scale and other columns."""
     causes, bins = list[np.ndarray](), problem.bins(problem.first_values)
     for item in problem.columns:
         valid, a = item.valid, item.responses.mean(axis=1)

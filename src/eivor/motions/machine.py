@@ -26,12 +26,7 @@ from eivor.flights.motion import (
     VehicleSupport,
 )
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import (
-    InputFamily,
-    PreparedFlight,
-    Selection,
-    deviations,
-)
+from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, deviations
 from eivor.flights.quantity import NAN, CardSection, Quantity, QuantityEstimate
 from eivor.flights.references import ReferenceSource, white_noise_std
 from eivor.flights.result import FlightEstimate
@@ -490,7 +485,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
         test = machine_verdict.ResidualTest.of(problem, estimate)
         return MachineChecks(
             machine_verdict.answers(test, problem, flights),
-            machine_verdict.shifts_by_response(problem, estimate, self.derive),
+            machine_verdict.estimates_by_response(problem, self.derive),
             machine_verdict.missed_term(test, problem, estimate, self.axes),
         )
 
@@ -543,8 +538,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
         """Commands between those logged, responses that disagree, a missed term, parameters that change."""
         clock = (verdict.clock_part((*LAGS, EFFECTIVE_LAG)),) if self.has_lag else ()
         names, derived = (*self.quantities,), {item.name: item.of for item in self.derived}
-        by_response = machine_verdict.response_part(names, self.axes[0].response)
-        return (*clock, by_response, *machine_verdict.parts(names, derived))
+        return (*clock, *machine_verdict.parts(names, derived, self.axes[0].response))
 
     def view(self, flight: PreparedFlight) -> FlightView:
         behind = " behind a lag τ and a delay d" if self.has_lag else ""

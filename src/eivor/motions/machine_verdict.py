@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from operator import itemgetter
 from typing import Any
@@ -31,6 +31,7 @@ from eivor.motions.equation import (
     OFFSET,
     AxisEquation,
     explained,
+    has_two_responses,
     parsed,
     response_difference,
 )
@@ -124,8 +125,7 @@ class MachineChecks(verdict.MotionChecks):
     """References that respond to disturbances, responses that disagree, and a term that is missed."""
 
     answers: Mapping[str, float]
-    #: How far below and above estimates by each response alone are
-    by_response: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    by_response: tuple[Mapping[str, float], ...] = ()  # Quantities by each of two that disagree, alone
     missed: MissedTerm | None = None
 
     @property
@@ -178,16 +178,14 @@ class ResidualTest:
         return cls(bins, slopes, power, whitened[:, 0] - whitened[:, 1:] @ theta)
 
     def p_value(
-        self,
-        columns: Complex[np.ndarray, "bins k"],
-        known: Complex[np.ndarray, "bins m"] | None = None,
+        self, columns: Complex[np.ndarray, "bins k"], known: Complex[np.ndarray, "bins m"] | None = None
     ) -> float:
         """P-value of columns that add nothing to the instruments, and to known ones."""
-        explained = self._instruments
+        Q = self._instruments
         if known is not None:
-            explained = _column_space(np.column_stack([self._rows(known), explained]))
+            Q = _column_space(np.column_stack([self._rows(known), Q]))
         gained = self._rows(columns)
-        gained -= explained @ (explained.T @ gained)
+        gained -= Q @ (Q.T @ gained)
         X, projection = self._projection
         gained -= projection @ (X.T @ gained)
         if np.linalg.norm(gained) < NOTHING_NEW:
@@ -245,27 +243,23 @@ def _column_space(rows: Float[np.ndarray, "rows k"], tolerance: float = 1e-6) ->
 
 def response_agreement(problem: LaggedRuns, _flights: Flights = ()) -> SensorAgreement | None:
     """How two responses differ; None without two."""
-    return sensor_agreement(response_difference(problem), LEAST_DIFFERENCE)
+    compared = response_difference(problem) if has_two_responses(problem) else None
+    return sensor_agreement(compared, LEAST_DIFFERENCE)
 
 
-def shifts_by_response(
-    problem: LaggedRuns,
-    estimate: Estimate,
-    derive: Callable[[LaggedRuns, Estimate], Mapping[str, QuantityEstimate]],
-) -> dict[str, tuple[float, float]]:
-    """How far quantities by each of two responses are below and above, where these disagree."""
-    agreement, results = response_agreement(problem), []
+def estimates_by_response(
+    problem: LaggedRuns, derive: Callable[[LaggedRuns, Estimate], Mapping[str, QuantityEstimate]]
+) -> tuple[Mapping[str, float], ...]:
+    """Quantities by each of two responses alone, where these disagree."""
+    agreement, results = response_agreement(problem), list[Mapping[str, float]]()
     if agreement is None or not (agreement.significant or agreement.otherwise):
-        return {}
+        return ()
     for k in range(2):
         columns = tuple(replace(item, responses=item.responses[:, [k]]) for item in problem.columns)
         alone = replace(problem, columns=columns)
-        results.append(derive(alone, identify(alone, reference_iv())))
-    shifts = {
-        name: [item[name].value - known.value for item in results if name in item]
-        for name, known in derive(problem, estimate).items()
-    }
-    return {name: (-min(0.0, *values), max(0.0, *values)) for name, values in shifts.items()}
+        quantities = derive(alone, identify(alone, reference_iv()))
+        results.append({name: item.value for name, item in quantities.items()})
+    return tuple(results)
 
 
 def difference_sentence(response: tuple[str, ...], agreement: SensorAgreement | None) -> str:
@@ -285,19 +279,6 @@ def difference_sentence(response: tuple[str, ...], agreement: SensorAgreement | 
             sentences.append(f"Of the responses {more} reads {value} ± {width} % more than {less}.")
     alike = f"{first} and {second} {'disagree' if agreement.otherwise else 'agree'}"
     return " ".join(sentences) or alike
-
-
-def response_part(quantities: tuple[str, ...], response: tuple[str, ...]) -> verdict.SystematicPart:
-    """Row of two responses that disagree: intervals reach to the estimates by each alone."""
-    return verdict.SystematicPart(
-        quantities,
-        Counts.ADDED,
-        lambda inputs, name: inputs.checks.by_response.get(name, (0.0, 0.0)),
-        lambda inputs: (
-            f"{difference_sentence(response, inputs.sensors)} Which is right is not known: intervals reach "
-            "to the estimates by each alone."
-        ),
-    )
 
 
 # -- Terms that an equation lacks --
@@ -334,7 +315,7 @@ def missed_term(
 ) -> MissedTerm | None:
     """The curve of a term, predicted by the instruments, that explains most of the residual, if any does."""
     values, count = estimate.nuisances, len(problem.parameters)
-    candidates = list[tuple[float, str, np.ndarray, np.ndarray]]()
+    candidates = list[tuple[float, str, np.ndarray, Any]]()
     for block, number in enumerate(problem.axes):
         signed = [(-1.0 if term.of.startswith("-") else 1.0, term) for term in axes[number].terms]
         terms = [(sign, replace(term, of=term.of.removeprefix("-"))) for sign, term in signed]
@@ -346,19 +327,20 @@ def missed_term(
                 measured.append(item.all_columns(values, count)[:, at] * [sign for sign, _ in terms])
                 predicted.append(explained(item.instruments, item.runs, measured[-1]))
         for words, curve in CURVES.items():
-            regressors = problem.spectra([curve(columns) for columns in measured])
             instruments = problem.spectra([curve(columns) for columns in predicted])
             for k, (_, term) in enumerate(terms, block * len(terms)):
                 if not (term.behind and curve is np.sign):
-                    column, instrument = regressors[:, [k]], instruments[:, [k]]
-                    p_value = test.p_value(instrument)
-                    candidates.append((p_value, words.format(term.of), column, instrument))
+                    instrument, regressor = instruments[:, [k]], (curve, measured, k)
+                    candidates.append(
+                        (test.p_value(instrument), words.format(term.of), instrument, regressor)
+                    )
     if not candidates:
         return None
-    p_value, of, column, instrument = min(candidates, key=itemgetter(0))
+    p_value, of, instrument, (curve, measured, k) = min(candidates, key=itemgetter(0))
     if p_value * len(candidates) >= MISSED:
         return None
     searched = [item.parameter for item in problem.nuisances if item.searched]
+    column = problem.spectra([curve(columns) for columns in measured])[:, [k]]
     extended = replace(
         test.bins,
         regressors=np.column_stack([column, test.bins.regressors, *test.slopes]),
@@ -375,8 +357,13 @@ def missed_term(
     return MissedTerm(of, missed, p_value, {**known, **changed})
 
 
-def parts(quantities: tuple[str, ...], derived: Mapping[str, str]) -> tuple[verdict.SystematicPart, ...]:
-    """Rows of a term that the equation lacks, and of parameters that change: intervals reach to these."""
+# -- Systematic parts --
+
+
+def parts(
+    quantities: tuple[str, ...], derived: Mapping[str, str], response: tuple[str, ...]
+) -> tuple[verdict.SystematicPart, ...]:
+    """Rows of other estimates that intervals reach to: by each response, with a missed term, of each side."""
 
     def reaches(others: Callable[[verdict.VerdictInputs], Sequence[Mapping[str, float]]]) -> Any:
         def size(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
@@ -388,13 +375,19 @@ def parts(quantities: tuple[str, ...], derived: Mapping[str, str]) -> tuple[verd
 
         return size
 
-    with_term = "Intervals reach to the estimates with it."
+    alone = "Which is right is not known: intervals reach to the estimates by each alone."
     return (
         verdict.SystematicPart(
             quantities,
             Counts.ADDED,
+            reaches(lambda inputs: inputs.checks.by_response),
+            lambda inputs: f"{difference_sentence(response, inputs.sensors)} {alone}",
+        ),
+        verdict.SystematicPart(
+            quantities,
+            Counts.ADDED,
             reaches(lambda inputs: () if inputs.checks.missed is None else (inputs.checks.missed.values,)),
-            lambda inputs: f"{inputs.checks.missed.sentence} {with_term}",
+            lambda inputs: f"{inputs.checks.missed.sentence} Intervals reach to the estimates with it.",
         ),
         verdict.SystematicPart(
             quantities,

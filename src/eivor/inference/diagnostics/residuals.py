@@ -67,7 +67,7 @@ class Constancy(Diagnostic):
 
     def sides(self, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "2 n"]:
         """Parameters before and after, of those that change significantly; the others as they are."""
-        change = np.where(self.p_values < SIGNIFICANT, self.change, 0.0) * self.speaks
+        change = np.where(self.p_values < SIGNIFICANT, self.change, 0.0)
         return np.stack([values - (1.0 - self.break_at) * change, values + self.break_at * change])
 
     def rows(self, subject: Subject, /) -> Iterator[Row]:

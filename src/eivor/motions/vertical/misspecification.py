@@ -19,7 +19,14 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns
 from eivor.models.regression import Parameter
 from eivor.models.separable import GivenBins
 from eivor.models.spectral import SpectralRegression
-from eivor.motions.equation import LEAST_DIFFERENCE, OFFSET, SCALE, explained, response_difference
+from eivor.motions.equation import (
+    LEAST_DIFFERENCE,
+    OFFSET,
+    SCALE,
+    explained,
+    has_two_responses,
+    response_difference,
+)
 from eivor.motions.vertical import regression
 from eivor.motions.vertical.regression import MAPPED, RADII, SUPPLY, VOLTAGE_SHARE, VerticalFlights
 from eivor.motions.vertical.select import rotated, vertical_row
@@ -346,7 +353,9 @@ SIDEWAYS_LAGS_S = (0.2, 0.2, 0.4)
 
 
 def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFlight]) -> GivenBins | None:
-    """Regression of D - A on the column of each kind of disagreement."""
+    """Regression of D - A on the column of each kind of disagreement; None without both."""
+    if not has_two_responses(problem):
+        return None
     sideways = [_sideways(flight) for flight in flights]
     names = tuple(sideways[0]) if all(speeds.keys() == sideways[0].keys() for speeds in sideways) else ()
     pairs = [(item, [of[name] for name in names]) for item, of in zip(problem.columns, sideways, strict=True)]
