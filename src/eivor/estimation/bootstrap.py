@@ -253,7 +253,7 @@ class PoolFlights:
             squares = residual_squares(self.nodes.over(equations, box))
             return squares + self.variance * self.nodes.misfit(self.nodes.values_over(box), known)
 
-        position = argmin(objective, self.nodes.nodes)
+        position = argmin(objective, self.nodes.places)
         values = self.nodes.values_at(position)
         weights = self.nodes.weights(values_of([values]))[0]
         system = np.tensordot(weights, equations, 1)

@@ -206,9 +206,8 @@ class Pooled:
     @cached_property
     def joint(self) -> PoolJoint:
         """The pool linearised there, with the variance of shared parameters inflated."""
-        unknown = tuple(axis.nuisance for axis in self.criterion.nodes.axes)
         slopes = tuple(
-            member_slopes(member, unknown, self.values, theta)
+            member_slopes(member, self.criterion.nodes.nuisances, self.values, theta)
             for member, theta in zip(self.criterion.members, self.theta, strict=True)
         )
         known = known_misfits(self.nuisances, self.values)[1]
@@ -218,15 +217,13 @@ class Pooled:
     def profiles(self) -> tuple[NuisanceProfile, ...]:
         """J over the nodes of each nuisance, at the best of the others."""
         nodes = self.criterion.nodes
-        unknown = tuple(axis.nuisance for axis in nodes.axes)
-        if not unknown:
+        if not nodes.nuisances:
             return ()
-        grids = [axis.values for axis in nodes.axes]
-        return profiles_of(unknown, grids, self.criterion.profile_over(nodes.nodes))
+        return profiles_of(nodes.nuisances, self.criterion.profile_over(nodes.places))
 
     @property
     def problems(self) -> tuple[SeparableProblem, ...]:
-        return tuple(member.problem for member in self.criterion.members)
+        return tuple(member.weights.problem for member in self.criterion.members)
 
     @cached_property
     def agreement_p_value(self) -> float:
@@ -301,7 +298,7 @@ class Pooled:
 
     def lag_set(self, names: Sequence[str], level: float = 0.95) -> ConfidenceSet | None:
         """Profile set of the first nuisance, or of its sum with others."""
-        if not self.criterion.nodes.axes or not self.has_sets:
+        if not self.criterion.nodes.nuisances or not self.has_sets:
             return None
         bound = self.criterion.minimum[1] + self._largest_excess(level)
         return self.criterion.sum_set(names, self.values, bound)
@@ -421,9 +418,7 @@ def pooled(
             weights = whitened_by_residuals(problem, parameters, {**point, **nodes.fixed})
             (products,) = sets.NuisanceProducts.of_rows(weights, nodes).values()
             count = weights.basis.shape[0] * estimate.rows.layout.independent
-            members.append(
-                sets.PoolMember(problem, weights, centre, products.combined(sets.about(centre)), count)
-            )
+            members.append(sets.PoolMember(weights, centre, products.combined(sets.about(centre)), count))
         return sets.Criterion(tuple(members), tuple(specific), nodes, sets.known_priors(nodes))
 
     first = weighted([item.nuisances for item in estimates], [item.theta for item in estimates])
@@ -448,7 +443,7 @@ def _differences(criterion: sets.Criterion) -> tuple[float, float]:
     """P-value of agreement in shared parameters, and the factor of their variance."""
     joint = replace(criterion, known={}).minimum[1]
     separate = sum(replace(criterion, members=(member,), known={}).minimum[1] for member in criterion.members)
-    degrees = (len(criterion.members) - 1) * (len(criterion.shared) + len(criterion.nodes.axes))
+    degrees = (len(criterion.members) - 1) * (len(criterion.shared) + len(criterion.nodes.nuisances))
     excess = max(joint - separate, 0.0)
     p_value = chi_square_tail(excess, degrees)
     return p_value, max(excess / degrees, 1.0) if p_value < DIFFERENT else 1.0

@@ -9,7 +9,6 @@ from itertools import repeat
 from math import inf
 from typing import cast
 
-import msgspec
 import numpy as np
 import scipy
 
@@ -18,13 +17,13 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
-from eivor.estimation.variable_projection import Box, NodeAxis, Nodes, argmin, nodes_of
+from eivor.estimation.variable_projection import Box, Nodes, argmin, nodes_of
 from eivor.estimation.weighting import RunSums, WeightedRows, WhitenedRows
 from eivor.inference import distributions
 from eivor.inference.anderson_rubin import Allowed, allowed, concentrated, minimum_ratio
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
-from eivor.models.separable import ManyValues, Prior, SeparableProblem, Values
+from eivor.models.separable import ManyValues, Nuisance, Prior, SeparableProblem, Values
 from eivor.models.spectral import BinRows
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float, Int
@@ -106,7 +105,6 @@ def _root(
 class PoolMember:
     """Products of one flight."""
 
-    problem: SeparableProblem
     weights: WeightedRows
     centre: Float[np.ndarray, " n"]  # Linear parameters at which the response is taken
     products: NuisanceProducts  # Of residual and regressors
@@ -158,6 +156,7 @@ class Criterion:
     nodes: Nodes
     known: Mapping[str, Prior]
     around: Values | None = None  # Where slices are closest. Default: where J is least
+    strange: tuple[str, ...] = ()  # Parameters of other equations alone
 
     @property
     def size(self) -> int:
@@ -172,7 +171,7 @@ class Criterion:
     @property
     def unknowns(self) -> int:
         """Parameters of all flights, and nuisances."""
-        return len(self.members) * len(self.flight_specific) + len(self.shared) + len(self.nodes.axes)
+        return len(self.members) * len(self.flight_specific) + len(self.shared) + len(self.nodes.nuisances)
 
     @property
     def rows(self) -> float:
@@ -229,7 +228,7 @@ class Criterion:
     @cached_property
     def minimum(self) -> tuple[Values, float]:
         """Nuisances where J is least, and J there."""
-        result = argmin(self.profile_over, self.nodes.nodes)
+        result = argmin(self.profile_over, self.nodes.places)
         return self.nodes.values_at(result), float(self.profile_over([*result[:, None]])[0])
 
     def parameters(self, nuisances: Values) -> list[Float[np.ndarray, " n"]]:
@@ -249,8 +248,8 @@ class Criterion:
         ]
 
     @property
-    def _axis(self) -> NodeAxis | None:
-        return self.nodes.axes[0] if self.nodes.axes else None
+    def _followed(self) -> Nuisance | None:
+        return self.nodes.nuisances[0] if self.nodes.nuisances else None
 
     @cached_property
     def slices(self) -> list[dict[str, float]]:
@@ -261,8 +260,8 @@ class Criterion:
         """Values of the nuisances at some places of slices, the places of a row all of one slice."""
         slice_values = {name: np.array([point[name] for point in self.slices]) for name in self.slices[0]}
         values = {name: np.repeat(column[rows], places.shape[1]) for name, column in slice_values.items()}
-        if self._axis is not None:
-            values[self._axis.nuisance.name] = self._axis.values_at(places.ravel())
+        if self._followed is not None:
+            values[self._followed.name] = self._followed.values_at(places.ravel())
         return values
 
     def profile_at(self, rows: Rows, places: Places) -> Places:
@@ -273,9 +272,9 @@ class Criterion:
     def _scanned(self) -> list[tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]:
         """Places along each slice, in order and with all minima among them, and J there."""
         numbers = np.arange(len(self.slices))
-        if self._axis is None:
+        if self._followed is None:
             return [(np.zeros(1), self.profile_at(numbers, np.zeros((1, 1)))[0])]
-        nodes = self._axis.nodes
+        nodes = self.nodes.places[0]
         steps = np.arange((nodes.size - 1) * NODE_STEPS + 1) / NODE_STEPS
         positions = np.interp(steps, np.arange(nodes.size), nodes)
         J = self.profile_at(numbers, np.tile(positions, (numbers.size, 1)))
@@ -307,7 +306,7 @@ class Criterion:
         """Places at which J meets a bound, between those inside and outside, by the Illinois rule."""
         J_inside, J_outside = J_inside - bound, J_outside - bound
         last_side = np.zeros(rows.size)
-        for _ in range(ROOT_ROUNDS if rows.size and self._axis is not None else 0):
+        for _ in range(ROOT_ROUNDS if rows.size and self._followed is not None else 0):
             rise = np.where(J_outside > J_inside, J_outside - J_inside, 1.0)
             position = inside + np.where(J_outside > J_inside, -J_inside / rise, 0.0) * (outside - inside)
             excess = self.profile_at(rows, position[:, None])[:, 0] - bound
@@ -348,7 +347,7 @@ class Criterion:
         ]
         longest = max((grid.size for grid in grids), default=0)
         padded = np.array([np.append(grid, np.full(longest - grid.size, grid[-1])) for grid in grids])
-        positive = self._axis is not None and self._axis.nuisance.positive
+        positive = self._followed is not None and self._followed.positive
         cut_short = [positive and stop == positions.size for _, positions, *_, stop in parts]
         result = rows, padded.reshape(rows.size, max(longest, 1)), np.array(cut_short, dtype=np.bool_)
         return self._stretches.setdefault(bound, result)
@@ -389,8 +388,7 @@ class Criterion:
 
     def sum_set(self, names: Sequence[str], nuisances: Values, bound: float) -> ConfidenceSet:
         """Values of the sum of some nuisances at which J is at most a bound, and that of the estimate."""
-        axis, estimate = self.nodes.axes[0], sum(nuisances[name] for name in names)
-        first = axis.nuisance
+        first, estimate = self.nodes.nuisances[0], sum(nuisances[name] for name in names)
         others = np.array([sum(point[name] for name in names if name != first.name) for point in self.slices])
         if first.name not in names:  # between slices the root of the excess is straight
             excesses = np.append(np.maximum(self.minima - self.minima.min(), 0.0), 0.0)
@@ -400,8 +398,8 @@ class Criterion:
             fits = np.interp(fine, values, roots) <= np.sqrt(max(bound - self.minima.min(), 0.0))
             return ConfidenceSet.union((float(fine[a][0]), float(fine[a][-1])) for a in stretches(fits))
         rows, places, cut_short = self.stretches(bound)
-        low, high = axis.values_at(places[:, 0]), axis.values_at(places[:, -1])
-        low = np.where(first.positive & (places[:, 0] == axis.nodes[0]), 0.0, low)
+        low, high = first.values_at(places[:, 0]), first.values_at(places[:, -1])
+        low = np.where(first.positive & (places[:, 0] == self.nodes.places[0][0]), 0.0, low)
         high = np.where(cut_short, inf, high)
         pieces = zip((others[rows] + low).tolist(), (others[rows] + high).tolist(), strict=True)
         return ConfidenceSet.union([(estimate, estimate), *pieces])
@@ -434,14 +432,6 @@ class ParameterSets:
         return union if self.conditional is None else self.conditional
 
 
-class _Part(msgspec.Struct, frozen=True):
-    """Criterion of some equations."""
-
-    criterion: Criterion
-    degrees: float  # Instruments less unknowns, but for what the set is of
-    strange: tuple[str, ...]  # Parameters of other equations alone
-
-
 @dataclass(frozen=True)
 class ProfileSets:
     """Confidence sets of linear parameters and of nuisances, from the criterion over the nuisances."""
@@ -470,72 +460,76 @@ class ProfileSets:
         position = checks.index_of("a parameter", name, parameters)
         if not self.available:
             return None
-        part = self._part([bool(present[position]) for _, present in self._runs])
-        if part.criterion is not self._full_criterion:
-            position -= sum(parameters.index(other) < position for other in part.strange)
-            products = [member.products.equations for member in part.criterion.members]
+        criterion = self._part([bool(present[position]) for _, present in self._runs])
+        if criterion is not self._full_criterion:
+            position -= sum(parameters.index(other) < position for other in criterion.strange)
+            products = [member.products.equations for member in criterion.members]
             if all(
                 len(E) > 1 and E.size > 0 and np.ptp(E, axis=0).max() <= SAME * np.abs(E).max()
                 for E in products
             ):
                 return None  # an equation that no nuisance moves
         wald = estimate.interval(name, level)
-        return self._sets(part, lambda bound: part.criterion.sets_below(bound, position)[0], wald, level)
+        return self._sets(criterion, lambda bound: criterion.sets_below(bound, position)[0], wald, level)
 
     def of_nuisances(self, names: Sequence[str], level: float = 0.95) -> ParameterSets | None:
         """Sets of the sum of some nuisances; None where none of them is searched for."""
-        searched = {axis.nuisance.name for axis in self.nodes.axes}
+        searched = {nuisance.name for nuisance in self.nodes.nuisances}
         if not self.available or not searched & set(names):
             return None
-        estimate, part = self.estimate, self._excited
+        estimate, criterion = self.estimate, self._excited
         direction = sum(estimate.direction(name) for name in names if name in searched)
         value = sum(estimate.nuisances[name] for name in names)
         half = estimate.joint_covariance.half_width(np.asarray(direction), level)
         wald = (value - half, value + half)
         return self._sets(
-            part, lambda bound: part.criterion.sum_set(names, estimate.nuisances, bound), wald, level
+            criterion, lambda bound: criterion.sum_set(names, estimate.nuisances, bound), wald, level
         )
 
     @cached_property
-    def _excited(self) -> _Part:
+    def _excited(self) -> Criterion:
         """Equations with a parameter of strong instruments; all of them where none has."""
         strong = np.array(self.estimate.first_stage) >= STRONG_FIRST_STAGE
         used = [bool(strong[: present.size][present].any()) for _, present in self._runs]
         return self._part(used if any(used) else [True] * len(used))
 
-    def _part(self, used: Sequence[bool]) -> _Part:
+    def _part(self, used: Sequence[bool]) -> Criterion:
         """Criterion of some runs, by the regressors that move and the instruments that act in them."""
-        estimate, rows, count = self.estimate, self.estimate.rows, self.estimate.rows.regressors.shape[1]
+        rows = self.estimate.rows
         sizes = [size for size, _ in self._runs]
         involved = np.repeat(used, sizes)
         moving = np.flatnonzero(rows.regressors[involved].any(axis=0))
-        criterion = self._full_criterion
-        if not (involved.all() and moving.size == count):
-            instruments = np.eye(rows.instruments.shape[1])
-            if not involved.all():
-                _, lengths, V = np.linalg.svd(rows.instruments[involved], full_matrices=False)
-                instruments = V[lengths > INDEPENDENT].T / lengths[lengths > INDEPENDENT]
-            criterion = self._criterion(involved, moving, instruments)
-        strange = tuple(item.name for k, item in enumerate(rows.parameters) if k not in moving)
-        degrees = criterion.instruments + len(estimate.misfits) + estimate.undetermined
-        return _Part(criterion, degrees - (estimate.unknowns - len(strange) - 1), strange)
+        if involved.all() and moving.size == rows.regressors.shape[1]:
+            return self._full_criterion
+        instruments = np.eye(rows.instruments.shape[1])
+        if not involved.all():
+            _, lengths, V = np.linalg.svd(rows.instruments[involved], full_matrices=False)
+            instruments = V[lengths > INDEPENDENT].T / lengths[lengths > INDEPENDENT]
+        return self._criterion(involved, moving, instruments)
 
     def _sets(
-        self, part: _Part, set_at: Callable[[float], ConfidenceSet], wald: tuple[float, float], level: float
+        self,
+        criterion: Criterion,
+        set_at: Callable[[float], ConfidenceSet],
+        wald: tuple[float, float],
+        level: float,
     ) -> ParameterSets | None:
+        estimate, strange = self.estimate, criterion.strange
         try:
-            minimum = float(part.criterion.minima.min())
+            minimum = float(criterion.minima.min())
         except np.linalg.LinAlgError:
             return None
-        stages = zip(self.estimate.names, self.estimate.first_stage, strict=True)
-        degrees = part.degrees
-        strength = degrees * float(min(F for name, F in stages if name not in part.strange))
+        # instruments less unknowns, but for what the set is of
+        degrees = criterion.instruments + len(estimate.misfits) + estimate.undetermined
+        degrees -= estimate.unknowns - len(strange) - 1
+        stages = zip(estimate.names, estimate.first_stage, strict=True)
+        strength = degrees * float(min(F for name, F in stages if name not in strange))
         excess = distributions.t_quantile(level, DEGREES) ** 2
         profile = conditional = set_at(minimum + excess)
         if (larger := distributions.conditional_ratio_quantile(level, degrees, strength)) > excess:
             conditional = set_at(minimum + larger)
         anderson_rubin = set_at(distributions.chi_square_quantile(level, max(degrees, 1)))
-        return ParameterSets(ConfidenceSet((wald,)), profile, anderson_rubin, part.strange, conditional)
+        return ParameterSets(ConfidenceSet((wald,)), profile, anderson_rubin, strange, conditional)
 
     @cached_property
     def _full_criterion(self) -> Criterion:
@@ -576,11 +570,13 @@ class ProfileSets:
         products = reduce(NuisanceProducts.joined, parts)
         products = products.combined(about(theta)[:, [0, *(1 + regressors)]], instruments)
         count = np.count_nonzero(rows) * self.estimate.rows.layout.independent
-        member = PoolMember(self.problem, self._weights, theta[regressors], products, count)
-        return Criterion((member,), (), self.nodes, known_priors(self.nodes), self.estimate.nuisances)
+        member = PoolMember(self._weights, theta[regressors], products, count)
+        parameters = enumerate(self.estimate.rows.parameters)
+        strange = tuple(item.name for index, item in parameters if index not in regressors)
+        priors = known_priors(self.nodes)
+        return Criterion((member,), (), self.nodes, priors, self.estimate.nuisances, strange)
 
 
 def known_priors(nodes: Nodes) -> dict[str, Prior]:
     """Priors of the nuisances that are searched for, by their names."""
-    priors = {axis.nuisance.name: axis.nuisance.prior for axis in nodes.axes}
-    return {name: prior for name, prior in priors.items() if prior is not None}
+    return {item.name: item.prior for item in nodes.nuisances if item.prior is not None}

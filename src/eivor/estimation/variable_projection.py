@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
 
@@ -111,7 +111,6 @@ class NuisanceProfile:
     """Objective over the grid of one nuisance, at the best of the others."""
 
     nuisance: Nuisance
-    grid: Float[np.ndarray, " values"]
     objective: Float[np.ndarray, " values"]
 
 
@@ -138,8 +137,8 @@ def minimised(
     start: Values | None = None,
 ) -> Minimum:
     """Least objective over all nuisances: for weights only if `coarse`, of few trials if `costly`."""
-    unknown = tuple(nuisance for nuisance in nuisances if nuisance.searched)
-    names, grids = [nuisance.name for nuisance in unknown], product_grids(unknown)
+    unknown = thinned(nuisances, PRODUCT_POINTS)
+    names = [nuisance.name for nuisance in unknown]
     fixed = {nuisance.name: nuisance.first for nuisance in nuisances}
 
     def values_at(point: Point) -> dict[str, float]:
@@ -149,7 +148,7 @@ def minimised(
         values = values_at(point)
         return float(sum(nuisance.misfit(values) for nuisance in unknown))
 
-    points: list[Point] = list(product(*(tuple(grid.tolist()) for grid in grids)))
+    points: list[Point] = list(product(*(nuisance.grid.tolist() for nuisance in unknown)))
     fit_objectives = objectives([values_at(point) for point in points])
     misfits = np.array([misfit(point) for point in points])
 
@@ -159,14 +158,14 @@ def minimised(
             return Trial(point, solution.objective + scale * misfit(point), solution)
 
         objective = fit_objectives + scale * misfits
-        lowest = _lowest(objective.reshape([grid.size for grid in grids]), 1 if coarse else STARTS)
+        lowest = _lowest(_table(objective, unknown), 1 if coarse else STARTS)
         starts = [points[number] for number in lowest]
         if initial is not None and len(unknown) > 1 and trial(initial).objective <= objective.min():
-            elsewhere = [] if coarse else [item for item in starts if _apart(item, initial, grids)]
+            elsewhere = [] if coarse else [item for item in starts if _apart(item, initial, unknown)]
             starts = [initial, *elsewhere]
         grid_unit = abs(float(objective.min()))
         search = partial(bounded_search, trial, unknown=unknown, unit=grid_unit, costly=costly)
-        tried = (_refined(trial, item, unknown, grids, coarse, search) for item in starts)
+        tried = (_refined(trial, item, unknown, coarse, search) for item in starts)
         best = min(tried, key=lambda item: item.objective)
         if len(unknown) > 1 and not coarse:
             steps = np.array([COARSE * nuisance.tolerance for nuisance in unknown])
@@ -179,7 +178,14 @@ def minimised(
         # In units of the best fit to the data alone, and then of where that has led.
         scale = unit(values_at(from_grid(unit(values_at(points[int(np.argmin(fit_objectives))])))[0].point))
     best, objective = from_grid(scale)
-    return values_at(best.point), best.solution, profiles_of(unknown, grids, objective)
+    return values_at(best.point), best.solution, profiles_of(unknown, objective)
+
+
+def _table(
+    objective: Float[np.ndarray, " points"], nuisances: Sequence[Nuisance]
+) -> Float[np.ndarray, "*grid"]:
+    """Objective at the points of a product of grids, an axis for each nuisance."""
+    return objective.reshape([nuisance.grid.size for nuisance in nuisances])
 
 
 def _lowest(table: Float[np.ndarray, "*grid"], count: int) -> list[int]:
@@ -192,54 +198,49 @@ def _lowest(table: Float[np.ndarray, "*grid"], count: int) -> list[int]:
     return lowest[np.argsort(table.ravel()[lowest], kind="stable")][:count].tolist()
 
 
-def _apart(point: Point, other: Point, grids: list[Float[np.ndarray, " _"]]) -> bool:
-    pairs = zip(grids, point, other, strict=True)
-    return any(abs(int(np.searchsorted(grid, a) - np.searchsorted(grid, b))) > 1 for grid, a, b in pairs)
+def _apart(point: Point, other: Point, unknown: tuple[Nuisance, ...]) -> bool:
+    pairs = zip(unknown, point, other, strict=True)
+    return any(abs(int(np.diff(np.searchsorted(item.grid, ends))[0])) > 1 for item, *ends in pairs)
 
 
 def _refined(
     trial: Callable[[Point], Trial],
     start: Point,
     unknown: tuple[Nuisance, ...],
-    grids: list[Float[np.ndarray, " _"]],
     coarse: bool,
     search: Callable[..., Trial],
 ) -> Trial:
     if not unknown:
         return trial(start)
     if len(unknown) > 1:
-        steps = np.array([_step(grid, value) for grid, value in zip(grids, start, strict=True)])
+        steps = np.array([_step(item.grid, value) for item, value in zip(unknown, start, strict=True)])
         return search(trial(start), steps=steps, tolerance=COARSE)
-    (nuisance,), (grid,), (value,) = unknown, grids, start
-    position = int(np.searchsorted(grid, value))
+    (nuisance,), (value,) = unknown, start
+    grid, position = nuisance.grid, int(np.searchsorted(nuisance.grid, value))
     bounds = float(grid[max(position - 1, 0)]), float(grid[min(position + 1, grid.size - 1)])
     return brent_search(trial, trial(start), bounds, (COARSE if coarse else 1.0) * nuisance.tolerance)
 
 
-def product_grids(
-    unknown: tuple[Nuisance, ...], points: int = PRODUCT_POINTS
-) -> list[Float[np.ndarray, " _"]]:
-    """Grid of each nuisance, thinned where there are several so that their product has so many points."""
+def thinned(nuisances: tuple[Nuisance, ...], points: int) -> tuple[Nuisance, ...]:
+    """Nuisances to be searched for; of several the product of their grids has about so many points."""
+    unknown = tuple(nuisance for nuisance in nuisances if nuisance.searched)
+    size = max(int(points ** (1.0 / max(len(unknown), 1))), 3)
     if len(unknown) < 2:
-        return [nuisance.grid for nuisance in unknown]
-    size = max(int(points ** (1.0 / len(unknown))), 3)
-    return [
-        grid if grid.size <= size else grid[np.linspace(0, grid.size - 1, size).round().astype(np.int64)]
-        for grid in (nuisance.grid for nuisance in unknown)
-    ]
+        return unknown
+    kept = [np.linspace(0, item.grid.size - 1, size).round().astype(np.int64) for item in unknown]
+    pairs = zip(unknown, kept, strict=True)
+    return tuple(
+        item if item.grid.size <= size else replace(item, grid=item.grid[index]) for item, index in pairs
+    )
 
 
 def profiles_of(
-    unknown: tuple[Nuisance, ...],
-    grids: list[Float[np.ndarray, " _"]],
-    objective: Float[np.ndarray, " points"],
+    unknown: tuple[Nuisance, ...], objective: Float[np.ndarray, " points"]
 ) -> tuple[NuisanceProfile, ...]:
     """Objective on a product of grids over each nuisance, at the best of the others."""
-    table = objective.reshape([grid.size for grid in grids])
-    return tuple(
-        NuisanceProfile(nuisance, grid, np.moveaxis(table, number, 0).reshape(grid.size, -1).min(axis=1))
-        for number, (nuisance, grid) in enumerate(zip(unknown, grids, strict=True))
-    )
+    table = _table(objective, unknown)
+    every = (np.moveaxis(table, axis, 0).reshape(size, -1) for axis, size in enumerate(table.shape))
+    return tuple(NuisanceProfile(item, part.min(axis=1)) for item, part in zip(unknown, every, strict=True))
 
 
 def brent_search(
@@ -331,65 +332,46 @@ CLOSER, AROUND = 8, 1
 
 
 @dataclass(frozen=True)
-class NodeAxis:
-    """Nodes of one nuisance."""
+class Nodes:
+    """Product of the nodes of several nuisances, the values of their grids; one node for none."""
 
-    nuisance: Nuisance
-    values: Float[np.ndarray, " T"]
-
-    @cached_property
-    def nodes(self) -> Float[np.ndarray, " T"]:
-        """Nodes on the spline's scale."""
-        return self.places_of(self.values)
-
-    def values_at(self, positions: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
-        """Values of the nuisance at places of the scale."""
-        return np.exp(positions) if self.nuisance.positive else positions
-
-    def places_of(self, values: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
-        """Places of values on the spline's scale."""
-        return np.log(values) if self.nuisance.positive else values
-
-    @cached_property
-    def weights(self) -> scipy.interpolate.CubicSpline:
-        """Weight of each node, at places between them."""
-        return scipy.interpolate.CubicSpline(self.nodes, np.eye(self.nodes.size))
-
-
-class Nodes(msgspec.Struct, frozen=True):
-    """Product of the nodes of several nuisances; one node for none."""
-
-    axes: tuple[NodeAxis, ...]
+    nuisances: tuple[Nuisance, ...]
     fixed: Values  # Of the nuisances that are not searched for
+
+    @cached_property
+    def places(self) -> list[Float[np.ndarray, " _"]]:
+        """Nodes of each nuisance on its scale."""
+        return [item.places_of(item.grid) for item in self.nuisances]
+
+    @cached_property
+    def splines(self) -> list[scipy.interpolate.CubicSpline]:
+        """Weight of each node of a nuisance, at places between them."""
+        return [scipy.interpolate.CubicSpline(places, np.eye(places.size)) for places in self.places]
 
     @property
     def points(self) -> list[dict[str, float]]:
         """The nuisances' values at every node."""
-        names = [axis.nuisance.name for axis in self.axes]
-        return [
-            {**self.fixed, **dict(zip(names, values, strict=True))}
-            for values in product(*(axis.values.tolist() for axis in self.axes))
-        ]
+        return self._points({item.name: item.grid for item in self.nuisances})
 
-    @property
-    def nodes(self) -> list[Float[np.ndarray, " _"]]:
-        return [axis.nodes for axis in self.axes]
+    def _points(self, grids: Mapping[str, Float[np.ndarray, " _"]]) -> list[dict[str, float]]:
+        every = product(*(grid.tolist() for grid in grids.values()))
+        return [{**self.fixed, **dict(zip(grids, values, strict=True))} for values in every]
 
     def over(self, values: Float[np.ndarray, "T *shape"], box: Box) -> Float[np.ndarray, "points *shape"]:
         """Values at the points of a box, from those at the nodes."""
-        sizes = [axis.nodes.size for axis in self.axes]
+        sizes = [places.size for places in self.places]
         result = values.reshape(*sizes, *values.shape[1:])  # of which there may be none
-        for number, (axis, points) in enumerate(zip(self.axes, box, strict=True)):
-            interpolated = np.tensordot(axis.weights(points), result, (1, number))
+        for number, (spline, points) in enumerate(zip(self.splines, box, strict=True)):
+            interpolated = np.tensordot(spline(points), result, (1, number))
             result = np.moveaxis(interpolated, 0, number)
         return result.reshape(math.prod(result.shape[: len(sizes)]), *values.shape[1:])
 
     def weights(self, values: ManyValues) -> Float[np.ndarray, "points T"]:
         """Weight of each node at values of the nuisances."""
         result = np.ones((1, 1))
-        for axis in self.axes:
-            axis_weights = axis.weights(axis.places_of(values[axis.nuisance.name]))
-            result = (result[:, :, None] * axis_weights[:, None]).reshape(len(axis_weights), -1)
+        for nuisance, spline in zip(self.nuisances, self.splines, strict=True):
+            weights = spline(nuisance.places_of(values[nuisance.name]))
+            result = (result[:, :, None] * weights[:, None]).reshape(len(weights), -1)
         return result
 
     def values_at(self, position: Float[np.ndarray, " axes"]) -> Values:
@@ -397,48 +379,47 @@ class Nodes(msgspec.Struct, frozen=True):
 
     def values_over(self, box: Box) -> dict[str, Float[np.ndarray, " points"]]:
         """Values of all nuisances at the points of a box."""
-        names = [axis.nuisance.name for axis in self.axes]
-        mesh = np.meshgrid(
-            *(axis.values_at(item) for axis, item in zip(self.axes, box, strict=True)), indexing="ij"
-        )
+        pairs = zip(self.nuisances, box, strict=True)
+        mesh = np.meshgrid(*(nuisance.values_at(places) for nuisance, places in pairs), indexing="ij")
         count = math.prod(item.size for item in box)
         values = {name: np.full(count, value) for name, value in self.fixed.items()}
-        return values | {name: item.ravel() for name, item in zip(names, mesh, strict=True)}
+        return values | {
+            nuisance.name: item.ravel() for nuisance, item in zip(self.nuisances, mesh, strict=True)
+        }
 
     def misfit(
         self, values: Mapping[str, Float[np.ndarray, "*shape"]], known: Mapping[str, Prior]
     ) -> Float[np.ndarray, "*shape"] | float:
         """Squared distance of values from their priors, in standard errors."""
-        named = (axis.nuisance for axis in self.axes if axis.nuisance.name in known)
+        named = (nuisance for nuisance in self.nuisances if nuisance.name in known)
         return sum((known[item.name].misfit(item.with_others(values)) for item in named), 0.0)
 
     def slices(self, nuisance_values: Values) -> list[dict[str, float]]:
         """Values of all nuisances but the first, closer around some."""
-        axes = []
-        for axis in self.axes[1:]:
-            nodes, value = axis.nodes, nuisance_values[axis.nuisance.name]
-            centre = float(np.interp(value, axis.values, np.arange(nodes.size)))
+        grids = {}
+        for nuisance, nodes in zip(self.nuisances[1:], self.places[1:], strict=True):
+            centre = float(np.interp(nuisance_values[nuisance.name], nuisance.grid, np.arange(nodes.size)))
             steps = centre + np.arange(-CLOSER * AROUND, CLOSER * AROUND + 1) / CLOSER
             steps = np.clip(steps, 0.0, nodes.size - 1.0)
             places = np.unique(np.append(np.interp(steps, np.arange(nodes.size), nodes), nodes))
-            axes.append(NodeAxis(axis.nuisance, axis.values_at(places)))
-        return Nodes(tuple(axes), self.fixed).points
+            grids[nuisance.name] = nuisance.values_at(places)
+        return self._points(grids)
 
 
 def nodes_of(nuisances: tuple[Nuisance, ...], fewest: int = FEWEST_NODES) -> Nodes:
     """Nodes of the nuisances that are searched for between the values of their grids."""
-    unknown = tuple(nuisance for nuisance in nuisances if nuisance.searched)
+    unknown = thinned(nuisances, MOST_NODES)
     fixed = {nuisance.name: nuisance.first for nuisance in nuisances if not nuisance.searched}
-    grids = zip(unknown, product_grids(unknown, MOST_NODES), strict=True)
     fewest = min(fewest, int(MOST_NODES ** (1.0 / max(len(unknown), 1))))
-    return Nodes(tuple(NodeAxis(nuisance, _fine(nuisance, grid, fewest)) for nuisance, grid in grids), fixed)
+    return Nodes(tuple(_subdivided(nuisance, fewest) for nuisance in unknown), fixed)
 
 
-def _fine(nuisance: Nuisance, grid: Float[np.ndarray, " _"], fewest: int) -> Float[np.ndarray, " T"]:
-    """A grid, subdivided to a number of values."""
-    subdivisions = -((1 - fewest) // (grid.size - 1))
+def _subdivided(nuisance: Nuisance, fewest: int) -> Nuisance:
+    """A nuisance with values between those of its grid, so many or more in all."""
+    count = nuisance.grid.size
+    subdivisions = -((1 - fewest) // (count - 1))
     if subdivisions == 1:
-        return grid
-    axis = NodeAxis(nuisance, grid)
-    steps = np.arange((grid.size - 1) * subdivisions + 1) / subdivisions
-    return axis.values_at(np.interp(steps, np.arange(grid.size), axis.nodes))
+        return nuisance
+    steps = np.arange((count - 1) * subdivisions + 1) / subdivisions
+    places = np.interp(steps, np.arange(count), nuisance.places_of(nuisance.grid))
+    return replace(nuisance, grid=nuisance.values_at(places))

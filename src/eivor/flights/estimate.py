@@ -387,7 +387,7 @@ def with_fit(state: FlightState, fit: outcome.Fit, inputs: VerdictInputs) -> Fli
         }
         estimates |= hulls | _reciprocals(motion, estimates | hulls)
     searched = {
-        profile.nuisance.name: (best.nuisances[profile.nuisance.name], float(profile.grid[-1]))
+        profile.nuisance.name: (best.nuisances[profile.nuisance.name], float(profile.nuisance.grid[-1]))
         for profile in best.profiles
     }
     inputs = replace(
@@ -406,10 +406,8 @@ def with_fit(state: FlightState, fit: outcome.Fit, inputs: VerdictInputs) -> Fli
         interval = fit.lag_prior.limited(lag.interval, lag.value)
         estimates |= {lag_prior.EFFECTIVE_LAG: replace(lag, interval=interval)}
     # of a lag at its least, a delay makes up for the rest, whatever the split
-    lags = [item for item in best.profiles if item.nuisance.name == ACTUATOR_LAG.name]
-    unsplit = (
-        any(best.nuisances[item.nuisance.name] <= item.grid[0] for item in lags) and DELAY.name in searched
-    )
+    lags = [item.nuisance for item in best.profiles if item.nuisance.name == ACTUATOR_LAG.name]
+    unsplit = any(best.nuisances[item.name] <= item.first for item in lags) and DELAY.name in searched
     estimates = lag_prior.limited_by_sum(estimates, unsplit=unsplit)
     by_rules = reasons_by_quantity(motion.rules, replace(inputs, quantities=estimates), wording)
     # reasons of the estimate are each quantity's

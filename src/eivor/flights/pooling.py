@@ -161,7 +161,7 @@ def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> I
     if pool.inflation > 1.0:
         shared = [name for name in linear_names(pool) if name not in pool.flight_specific]
         names = [motion.quantities[name].words for name in shared]
-        names += [axis.nuisance.parameter.name.replace("_", " ") for axis in pool.criterion.nodes.axes]
+        names += [item.name.replace("_", " ") for item in pool.criterion.nodes.nuisances]
         yield Finding(
             "shared_differs",
             f"The flights differ in what a vehicle keeps ({', '.join(names)}) by more than chance says "
@@ -263,7 +263,7 @@ def _result(state: FlightState, members: tuple[Member, ...], chosen: Instruments
         pool = make(nuisances=problem.nuisances)
         estimate = pool.pooled_estimate()
     sets = _known({name: pool.common_sets(name) for name in linear_names(pool)})
-    searched = [axis.nuisance.name for axis in pool.criterion.nodes.axes]
+    searched = [nuisance.name for nuisance in pool.criterion.nodes.nuisances]
     sums = LAG_SUMS if searched[:1] == [ACTUATOR_LAG.name] else {}
     of_lags = {name: pool.lag_set(parts) for name, parts in sums.items()}
     # strength and agreement of the instruments as the flights have them
@@ -335,7 +335,7 @@ def _by_flight(
 
 def _first_stage(pool: Pooled, number: int) -> dict[str, float]:
     joint = pool.joint
-    names = [*linear_names(pool), *(axis.nuisance.name for axis in joint.criterion.nodes.axes)]
+    names = [*linear_names(pool), *(nuisance.name for nuisance in joint.criterion.nodes.nuisances)]
     return dict(zip(names, joint.first_stage[joint.indices[number]].tolist(), strict=True))
 
 

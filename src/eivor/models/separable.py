@@ -220,6 +220,14 @@ class Nuisance:
         """Whether every value is above zero, so that ratios of values say more than differences."""
         return self.first > 0.0
 
+    def places_of(self, values: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
+        """Places of values on a scale on which criteria are smooth."""
+        return np.log(values) if self.positive else values
+
+    def values_at(self, places: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
+        """Values at places of that scale."""
+        return np.exp(places) if self.positive else places
+
     def known_at(self, value: float) -> Nuisance:
         """Return the same nuisance with one value, which is not searched for."""
         return replace(self, grid=np.array([value]), prior=None, known_with=())

@@ -174,12 +174,13 @@ def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> plots
 def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) -> plots.Picture:
     """The objective against one nuisance, at the best of the others, as chi-square."""
     profile, minimum = estimate.profiles[number], estimate.solution.objective
-    row = _row_of(result, profile.nuisance.name)
+    nuisance = profile.nuisance
+    row = _row_of(result, nuisance.name)
     wording, scale, quantile = row.wording, row.wording.scale, chi_square_quantile(0.95)
     # J of a method with instruments; for a direct one the logarithm's slope at its minimum
     height = estimate.criterion if estimate.rank else estimate.rows.response.size
     # the minimum lies between points of the grid: without it a sharp valley has no bottom
-    points = np.append(profile.grid, estimate.nuisances[profile.nuisance.name])
+    points = np.append(nuisance.grid, estimate.nuisances[nuisance.name])
     above = (height / minimum if minimum > 0.0 and height > 0.0 else 1.0) * (
         np.append(profile.objective, minimum) - minimum
     )
@@ -188,7 +189,7 @@ def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) ->
 
     def draw(axes: Axes) -> None:
         axes.plot(values, excess, "-o", ms=2, lw=1.1, label="objective")
-        _set_abscissa(axes, profile.grid * scale)
+        _set_abscissa(axes, nuisance.grid * scale)
         first, last = axes.get_xlim()  # an interval may have no end, and a logarithm has no zero
         low, high = (float(np.clip(end, first, last)) for end in row.interval)
         axes.axvspan(low, high, color=plots.BLUE, alpha=0.18, lw=0, label="95 % interval")
