@@ -32,7 +32,7 @@ from eivor.motions.table import loaded_motion, motion_names
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals import channels
 from eivor.signals.channels import CanonicalChannel
-from eivor.signals.recording import Channel
+from eivor.signals.recording import GRAVITY, Channel
 from flights.flight_logs import changed
 from motions.turning_logs import AXES, STEP_S, Vehicle, turned
 
@@ -338,12 +338,16 @@ def test_steps_that_leave_the_order_open_have_intervals_of_both():
     assert low <= sum(fit.fit.estimate.other_order[name] for name in ("actuator_lag", "delay")) <= high
 
 
-def test_dampings_reach_to_those_without_drag_beside_the_centre_of_mass():
-    turning = replace(TRUTH, drag_moment=(10.0, 10.0, 0.0))
-    log = turned(vehicle=turning, command_hz=200.0, rate_hz=400.0, seconds=80.0, disturbance=1.0)
+def test_drag_beside_the_centre_of_mass_is_in_the_equation_or_in_intervals():
+    quick = {"command_hz": 200.0, "rate_hz": 400.0, "seconds": 80.0, "disturbance": 1.0}
+    log = turned(vehicle=replace(TRUTH, drag_moment=(10.0, 10.0, 0.0)), **quick)
     damping = ev.identify_flight(log, model="rates").quantities["roll_damping"]
     (drag,) = [item for item in damping.systematic_uncertainties if "centre of mass" in item.sentence]
     assert damping.interval[1] - drag.above < TRUTH.damping[0] < damping.interval[1]
+    log = turned(vehicle=replace(TRUTH, drag_moment=(40.0, 40.0, 0.0)), moving=True, **quick)
+    by_velocity, moment = ev.identify_flight(log, model="rates").quantities, 40.0 / GRAVITY
+    for name, true in {"roll_by_drag_y": moment, "pitch_by_drag_x": -moment, "roll_damping": 0.5}.items():
+        assert by_velocity[name].interval[0] < true < by_velocity[name].interval[1], name
 
 
 @pytest.mark.thorough

@@ -161,7 +161,7 @@ def estimate_parameters(state: FlightState) -> FlightState:
     """The estimate, and the problem as the motion refines it by estimates."""
     solve, refined = partial(identify, method=state.method), state.motion.abilities.refined
     try:
-        problem, estimate = refined(state.problem, solve, state.options)
+        problem, estimate = refined(state.problem, solve, state.options, state.flights)
         return replace(state, problem=problem, estimate=estimate)
     except (errors.InstrumentError, errors.CollinearError) as error:
         if state.options.lag is not None and state.lag_prior is None:

@@ -287,9 +287,8 @@ class Abilities:
     for_flights: Callable[[Flights, FlightOptions], Motion[Any]] | None = None
     terms: Mapping[str, str] = field(default_factory=dict)  # Optional terms: the word of each, and what it is
     #: The last of several problems, and its estimate; and flights as that problem refines them
-    refined: Callable[[Any, Solver[Any], FlightOptions], tuple[Any, Estimate]] = lambda problem, solve, _: (
-        problem,
-        solve(problem),
+    refined: Callable[[Any, Solver[Any], FlightOptions, Flights], tuple[Any, Estimate]] = (
+        lambda problem, solve, _options, _flights: (problem, solve(problem))
     )
     refined_flights: Callable[[Flights, Any], Flights] = lambda flights, _problem: flights
     sensors: SensorComparison[Any] = SensorComparison()

@@ -20,6 +20,7 @@ from eivor.flights.motion import Abilities, Flights, FlightView, Prediction, Sol
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, check_vehicle, chosen_input, deviations
 from eivor.flights.references import HEADED, ReferenceSource, with_headed_references
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Cause, Status
 from eivor.models import lagged_runs
 from eivor.models.frequency_response import local_polynomials, spectra
@@ -27,8 +28,9 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_STAGE, LaggedRu
 from eivor.models.regression import Parameter
 from eivor.models.separable import AT_END, InstrumentRule, LaggedReferences, WarmStart
 from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, equation_prediction, simple_models
+from eivor.motions.rigid_body import dynamics
 from eivor.signals.filters import integrated
-from eivor.signals.recording import HELICOPTER, Channel, Finding, Recording
+from eivor.signals.recording import GRAVITY, HELICOPTER, Channel, Finding, Recording
 from eivor.tools import Float
 
 TABLES = motion_tables("eivor.motions.rates")
@@ -44,6 +46,9 @@ DELAYS_S = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030)
 
 #: Setpoints across the ground that tilt the vehicle about an axis.
 TILTED_BY = {"roll": HEADED["left"], "pitch": HEADED["forward"]}
+#: What the velocity across a vehicle is made of, and what drag off its centre of mass does with it.
+ACROSS = (*dynamics.VELOCITY, *dynamics.ATTITUDE)
+BY_DRAG = {"roll": "roll_by_drag_y", "pitch": "pitch_by_drag_x"}
 
 
 class Axis(AxisEquation):
@@ -249,7 +254,7 @@ def _second_stage_sentence(inputs: verdict.VerdictInputs) -> str:
 
 
 PARTS = (
-    verdict.disagreement_part((*LAGS, DELAY.name, *TERMS)),
+    verdict.disagreement_part((*LAGS, DELAY.name, *TERMS, *BY_DRAG.values())),
     *verdict.clock_parts((*LAGS, DELAY.name), (*EFFECTS, "yaw_reaction")),
     verdict.SystematicPart(
         (*LAGS, DELAY.name, *TERMS), quantity.Counts.ADDED, _second_stage, _second_stage_sentence
@@ -271,15 +276,40 @@ PARTS = (
 
 #: Two lags that are nearly equal, and one that is next to none: their product over the square of their sum.
 EQUAL_STAGES, LEAST_STAGE = 0.2, 0.02
-#: A second stage is one where it is so many standard errors from none: Akaike's criterion falls by 2.
-STAGE_ERRORS = 2.0
+#: What is so many standard errors from none is there: Akaike's criterion falls by 2.
+TERM_ERRORS = 2.0
+
+
+def refined(
+    problem: LaggedRuns, solve: Solver[LaggedRuns], options: FlightOptions, flights: Flights
+) -> tuple[LaggedRuns, Estimate]:
+    """The estimate, with moments by drag and a second stage of the actuators where the flights show them."""
+    estimate = solve(problem)
+    if _by_drag(estimate) or not all({*ACROSS} <= {*flight.recording.channels} for flight in flights):
+        return chosen_order(problem, estimate, solve, options)
+    wider = with_drag_moments(problem, flights)
+    try:
+        other = solve(wider)
+    except EstimationError:  # instruments are too few for it
+        return chosen_order(problem, estimate, solve, options)
+    strength = dict(zip(other.names, other.first_stage.tolist(), strict=True))
+    if any(
+        strength[name] >= STRONG_FIRST_STAGE
+        and abs(other.parameters[name]) > TERM_ERRORS * other.std_error(name)
+        for name in _by_drag(other)
+    ):
+        problem, estimate = wider, other
+    return chosen_order(problem, estimate, solve, options)
+
+
+def _by_drag(estimate: Estimate) -> list[str]:
+    return [name for name in BY_DRAG.values() if name in estimate.names]
 
 
 def chosen_order(
-    problem: LaggedRuns, solve: Solver[LaggedRuns], options: FlightOptions
+    problem: LaggedRuns, estimate: Estimate, solve: Solver[LaggedRuns], options: FlightOptions
 ) -> tuple[LaggedRuns, Estimate]:
     """The estimate, with a second stage of the actuators where the flights show one."""
-    estimate = solve(problem)
     staged = replace(problem, nuisances=lagged_runs.with_order(problem.nuisances, 3))
     if options.order is not None or len(staged.nuisances) == len(problem.nuisances):
         return problem, estimate
@@ -299,7 +329,7 @@ def chosen_order(
         other = solve(candidate)
     except EstimationError:
         return problem, estimate
-    if without_lag or other.nuisances[SECOND_STAGE.name] > STAGE_ERRORS * other.std_error(SECOND_STAGE.name):
+    if without_lag or other.nuisances[SECOND_STAGE.name] > TERM_ERRORS * other.std_error(SECOND_STAGE.name):
         return candidate, other
     if other.nuisances[SECOND_STAGE.name] < LEAST_STAGE:
         return problem, estimate
@@ -319,6 +349,7 @@ LAG = verdict.Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER)
 def axis_rules(axis: Axis) -> tuple[verdict.Rule, ...]:
     """Rows of the quantities of an axis."""
     damping, effect, *_ = names = [term.name for term in axis.terms]
+    names += [BY_DRAG[axis.name]] if axis.name in BY_DRAG else []
     opposite = f"setpoint and rate of {axis.name} have opposite signs"
     check = f"Check the axes and signs of {axis.torque} and {axis.rate}."
     pushed = "a torque of the air moved with the references"
@@ -346,7 +377,7 @@ def axis_rules(axis: Axis) -> tuple[verdict.Rule, ...]:
         verdict.below_zero_rule(effect, QUANTITIES[effect], Status.REFUSED, opposite, check),
         verdict.below_zero_rule(damping, QUANTITIES[damping], Status.WEAK, pushed, "Fly in calm air."),
         *EFFECTIVENESS.rules(effect, QUANTITIES[effect]),
-        *DAMPING.rules(damping, QUANTITIES[damping]),
+        *(rule for name in names if name not in EFFECTS for rule in DAMPING.rules(name, QUANTITIES[name])),
     )
 
 
@@ -385,21 +416,46 @@ def excitation(flights: Flights, axes: tuple[Axis, ...] = ()) -> str:
     )
 
 
+def with_drag_moments(problem: LaggedRuns, flights: Flights) -> LaggedRuns:
+    """The problem with what drag above or below the centre of mass does to roll and pitch."""
+    tilting = [axis for axis in problem.axes if AXES[axis].name in BY_DRAG]
+    columns, across = [], [_velocity_across(flight) for flight in flights]
+    for item in problem.columns:
+        added = np.zeros((item.fixed.shape[0], len(tilting)))
+        if item.axis in tilting:
+            added[:, tilting.index(item.axis)] = across[item.flight][AXES[item.axis].name]
+        columns.append(replace(item, fixed=np.hstack([item.fixed, added])))
+    moments = [
+        Parameter(name, QUANTITIES[name].unit) for name in (BY_DRAG[AXES[axis].name] for axis in tilting)
+    ]
+    parameters = (*problem.parameters[: problem.still], *moments, *problem.parameters[problem.still :])
+    return replace(problem, columns=tuple(columns), parameters=parameters)
+
+
+def _velocity_across(flight: PreparedFlight) -> dict[str, Float[np.ndarray, " n"]]:
+    """Velocity across each tilting axis [m/s], or where none is logged what the rates make of the weight."""
+    log = flight.recording
+    if {*ACROSS} <= {*log.channels}:
+        gridded = [on_grid(log.channel(name), flight.grid)[0] for name in ACROSS]
+        forward, left, _ = dynamics.into_body(dynamics.known_rotation(*gridded[3:]), *gridded[:3])
+        return {"roll": np.asarray(left), "pitch": np.asarray(forward)}
+    results, signals = {}, flight.signals
+    for axis, weight in ((ROLL, -GRAVITY), (PITCH, GRAVITY)):
+        results[axis.name] = np.zeros(signals.sample_count)
+        for run in flight.runs if axis.rate in signals.channels else ():
+            tilt = integrated(signals.channel(axis.rate)[run], signals.step_s)
+            results[axis.name][run] = weight * integrated(tilt, signals.step_s)
+    return results
+
+
 def reach_by_drag(
     problem: LaggedRuns, estimate: Estimate, flights: Flights
 ) -> dict[str, tuple[float, float]]:
-    """Reach of dampings if drag beside the centre of mass turns, as second integrals of rates do."""
-    tilting, columns = [axis for axis in problem.axes if AXES[axis] is not YAW], []
-    for item in problem.columns:
-        added, signals = np.zeros((item.fixed.shape[0], len(tilting))), flights[item.flight].signals
-        for run in item.runs if item.axis in tilting else ():
-            tilt = integrated(signals.channel(AXES[item.axis].rate)[run], signals.step_s)
-            added[run, tilting.index(item.axis)] = integrated(tilt, signals.step_s)
-        columns.append(replace(item, fixed=np.hstack([item.fixed, added])))
-    moments = [Parameter(f"{AXES[axis].name}_by_drag", "1/s^3") for axis in tilting]
-    parameters = (*problem.parameters[: problem.still], *moments, *problem.parameters[problem.still :])
+    """Reach of dampings if drag beside the centre of mass turns, where flights do not show it."""
+    if _by_drag(estimate):
+        return {}
     at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
-    wider = replace(problem, columns=tuple(columns), parameters=parameters, nuisances=at, warm_start=None)
+    wider = with_drag_moments(replace(problem, nuisances=at, warm_start=None), flights)
     try:
         other = identify(wider, by_name(estimate.method))
     except EstimationError:  # instruments are too few for it
@@ -425,7 +481,7 @@ class Rates(DeclaredMotion[LaggedRuns]):
     parts = PARTS
     channels = replace(TABLES.channels, references=REFERENCES)
     abilities = Abilities(
-        refined=chosen_order,
+        refined=refined,
         prediction=Prediction(simple_models, multi_step=partial(equation_prediction, AXES)),
         excitation=excitation,
         coupled_axes=TABLES.coupled_axes,

@@ -423,7 +423,12 @@ class RigidBody(DeclaredMotion[LaggedRuns]):
         return replace(problem, noisier=self.lagged_runs(surrogates, NoInstruments()))
 
     def _refined(
-        self, problem: LaggedRuns, solve: motion.Solver[LaggedRuns], _options: FlightOptions, /
+        self,
+        problem: LaggedRuns,
+        solve: motion.Solver[LaggedRuns],
+        _options: FlightOptions,
+        _flights: motion.Flights,
+        /,
     ) -> tuple[LaggedRuns, Estimate]:
         """Less steady winds, with the structure that the flights show, and one inertia of the rotors."""
         estimate, made_of = solve(problem), partial(self.problem, rule=NoInstruments())

@@ -194,7 +194,10 @@ def resampled(
 
 
 def refined(
-    problem: VerticalFlights, solve: motion.Solver[VerticalFlights], options: FlightOptions
+    problem: VerticalFlights,
+    solve: motion.Solver[VerticalFlights],
+    options: FlightOptions,
+    _flights: motion.Flights,
 ) -> tuple[VerticalFlights, Estimate]:
     """The problem with the limit of commands and the input map that flights show."""
     problem = commands.with_command_limit(problem)
