@@ -194,7 +194,7 @@ def test_a_command_is_refused(eivor, flight, tmp_path, monkeypatch, command, cod
     Path("dangling").symlink_to("no/x.json")
     for name, content in (FILES | files).items():
         Path(name).write_bytes(content.encode() if isinstance(content, str) else content)
-    flight.rename({"velocity_z": "velocty_z"}).write_csv("blind.csv")
+    flight.drop("position_z").rename({"velocity_z": "velocty_z"}).write_csv("blind.csv")
     before = contents(written(document(), tmp_path).parent)
     run = eivor(*shlex.split(command))
     assert (run.code, run.out) == (code, "")

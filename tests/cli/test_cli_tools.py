@@ -68,7 +68,7 @@ def test_the_example_is_read_with_what_its_file_says(eivor):
 
 def test_a_log_that_identify_cannot_use_is_inspected(eivor, flight, tmp_path):
     path = tmp_path / "blind.csv"
-    flight.drop("velocity_z").write_csv(path)
+    flight.drop("velocity_z", "position_z").write_csv(path)
     run = eivor("inspect", path)
     assert run.code == 0
     assert "velocity_z (needed)" in run.out

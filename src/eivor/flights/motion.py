@@ -222,7 +222,8 @@ class LogChannels:
     """What a motion reads of a log."""
 
     inputs: tuple[InputFamily, ...]  # What may drive the vehicle, in order of preference
-    needed: tuple[str, ...] = ()  # Channels without which nothing can be identified, beside an input
+    #: Channels without which nothing can be identified, beside an input; "a|b" is one of two
+    needed: tuple[str, ...] = ()
     references: tuple[ReferenceSource, ...] = ()  # Channels that may be instruments
     added: tuple[CanonicalChannel, ...] = ()  # Channels that the motion adds to the canonical ones
     telemetry: tuple[str, ...] = ()  # Channels that are measured states of what drives the vehicle

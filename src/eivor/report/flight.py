@@ -234,7 +234,8 @@ def flight_steps(result: FlightEstimate) -> tuple[CardSection, ...]:
 
 def missing_channels(recording: Recording, motion: Motion[Any]) -> tuple[str, ...]:
     """Channels without which the motion cannot be identified, and that the log lacks."""
-    missing = [name for name in motion.channels.needed if name not in recording.channels]
+    alternatives = [name.split("|") for name in motion.channels.needed]
+    missing = [names[0] for names in alternatives if not {*names} & {*recording.channels}]
     inputs = [family.name for family in motion.channels.inputs]
     if "input" in inputs and not any(map(recording.family, inputs)):
         missing.append("input")

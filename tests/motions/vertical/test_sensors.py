@@ -262,6 +262,13 @@ def log_left():
     return flown(seconds=30.0, seed=5)[0]
 
 
+def test_a_velocity_that_is_not_logged_is_the_slope_of_the_height(log_left):
+    alone = identify_flight(changed(log_left, "velocity_z", "specific_force_z"), model="vertical")
+    assert "velocity_by_position" in {item.name for item in alone.findings}
+    for name, true in {"viscous_friction": FRICTION, "input_gain": GAIN, "effective_lag": LAG_S}.items():
+        assert alone.quantities[name].interval[0] < true < alone.quantities[name].interval[1], name
+
+
 def terms_of(log_left, method=None):
     chosen = method or reference_iv()
     flights = (prepare(log_left, VERTICAL, FlightOptions()),)

@@ -60,8 +60,12 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
     family, commands = chosen_input(
         log, INPUTS, options.input, remedy="Log the thrust setpoint or the rotor commands at 50 Hz or more"
     )
-    velocity = log.channel("velocity_z")
     force, tilt, findings = _force_and_tilt(log)
+    if "velocity_z" not in log.channels and "position_z" in log.channels:
+        log = replace(log, channels={**log.channels, "velocity_z": slope(log.channel("position_z"))})
+        sloped = "Velocity is not logged: it is the slope of the height between its stamps."
+        findings.append(Finding("velocity_by_position", sloped))
+    velocity = log.channel("velocity_z")
     return Selection(
         family,
         commands,
@@ -74,6 +78,23 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
         # what was measured is spread over time as slow commands are by the line between their stamps
         matched_interpolation_filter=min(command.rate_hz for command in commands) < SLOW_COMMAND_HZ,
         findings=tuple(findings),
+        log=log,
+    )
+
+
+def slope(height: Channel) -> Channel:
+    """Velocity between the stamps of a height, in the middle of each step."""
+    known = np.isfinite(height.values)
+    time, values = height.time_s[known], height.values[known]
+    middle, rate = time[:-1] + 0.5 * np.diff(time), np.diff(values) / np.diff(time)
+    return Channel(
+        "velocity_z",
+        middle,
+        rate,
+        "m/s",
+        f"slope of {height.name}",
+        estimated=height.estimated,
+        delay_s=height.delay_s,
     )
 
 
