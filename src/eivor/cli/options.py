@@ -120,10 +120,7 @@ def identify(
 
 @declared(LogWords, FlightWords, home="results")
 def report(
-    *,
-    needs: NeedsOption = "",
-    out: Annotated[str, cli.option("report out"), cli.Writes()] = "",
-    **given: Any,
+    *, needs: NeedsOption = "", out: Annotated[str, cli.option("report out"), cli.Writes()] = "", **given: Any
 ) -> None:
     """Write what eivor identify finds as one page to look at and to send: verdict, numbers, pictures."""
 

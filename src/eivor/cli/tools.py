@@ -111,9 +111,7 @@ def list_logs() -> None:
 
 
 @cli.command(example)
-def fetch(
-    name: Annotated[str, cli.option("example fetch name")],
-) -> None:
+def fetch(name: Annotated[str, cli.option("example fetch name")]) -> None:
     """Download a public real log, check it, and print its path. A second time it works without a network.
 
     The folder is the user's cache; EIVOR_CACHE names another one.

@@ -422,11 +422,5 @@ def _matlab(fitted: Fitted, supplied: Supplied) -> Exported:
     return Exported(buffer.getvalue(), (f"NaN in the file: {fitted.why_not(*missing)}",) if missing else ())
 
 
-MODELS = targets(
-    {
-        "statespace": _state_space_document,
-        "casadi": _casadi,
-        "matlab": _matlab,
-    }
-)
+MODELS = targets({"statespace": _state_space_document, "casadi": _casadi, "matlab": _matlab})
 DRAWN_MODELS: dict[str, ExportOfDraws] = {"statespace": _state_space_draws}

@@ -228,11 +228,15 @@ def clock_parts(
     gains: tuple[str, ...],
     dampings: tuple[str, ...] = (),
     counts: Counts = Counts.ADDED,
+    reaction_s: Callable[[VerdictInputs, str], float] = lambda *_: 0.0,
 ) -> tuple[SystematicPart, ...]:
     """Rows of when commands were issued, and of a slower loop that runs in step with their stamps."""
 
+    def sensed_s(inputs: VerdictInputs) -> float:
+        return max(inputs.value(EFFECTIVE_LAG), 0.0) + SENSING_S
+
     def share(inputs: VerdictInputs, by_s: float) -> float:
-        return RATE_LOOP * by_s / (max(inputs.value(EFFECTIVE_LAG), 0.0) + SENSING_S)
+        return RATE_LOOP * by_s / sensed_s(inputs)
 
     def locked(inputs: VerdictInputs) -> float:
         # attitudes of a position loop are demanded as slowly as its own step
@@ -247,8 +251,10 @@ def clock_parts(
         return SystematicPart(
             gains,
             Counts.INDEPENDENT,
-            lambda inputs, name: size(inputs) * abs(inputs.value(name)),
-            lambda inputs: f"{why}it may be {100.0 * size(inputs):.2g} % larger or smaller.",
+            lambda inputs, name: (  # a reaction is there at once, where thrusts are behind the lag
+                size(inputs) * abs(inputs.value(name)) * max(reaction_s(inputs, name) / sensed_s(inputs), 1.0)
+            ),
+            lambda inputs: f"{why}a gain may be {100.0 * size(inputs):.2g} % larger or smaller.",
         )
 
     return (

@@ -108,11 +108,7 @@ class AxisEquation:
     linear: bool = True  # Whether `states` are linear in what is logged
 
     def columns(
-        self,
-        signals: Signals,
-        texts: Sequence[str],
-        states: States | None = None,
-        delay_s: float = 0.0,
+        self, signals: Signals, texts: Sequence[str], states: States | None = None, delay_s: float = 0.0
     ) -> Float[np.ndarray, "n k"]:
         """Columns of expressions, whose inputs are actuator states, or logged inputs with a delay."""
         if states is None:

@@ -165,11 +165,7 @@ STRETCHES = 2000
 
 
 def residual_figure(
-    residual: Float[np.ndarray, " n"],
-    *,
-    rate_hz: float,
-    unit: str = "",
-    title: str = "",
+    residual: Float[np.ndarray, " n"], *, rate_hz: float, unit: str = "", title: str = ""
 ) -> Figure:
     """Three panels that identify whether a residual is white.
 

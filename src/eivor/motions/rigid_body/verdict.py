@@ -599,9 +599,18 @@ _TERMS = tuple(term.name for _, term in terms.TERMS)
 #: All that instruments determine.
 _DETERMINED = (*LAGS, lagged_runs.ASYMMETRY.name, *_TERMS, *(item.name for item in PRODUCT))
 
+
+def _reaction_s(inputs: verdict.VerdictInputs, name: str) -> float:
+    """Rotors' reaction to a change of their speeds over the yaw torque of the speeds, zero of others [s]."""
+    if name not in _SPINS:
+        return 0.0
+    usual, curve = terms.usual_state(inputs.flights), input_map(inputs.flights[0].input_map)
+    return abs(inputs.value(terms.REACTION.name) / (inputs.value(GAIN[2].name) * curve.slope(usual)))
+
+
 PARTS = (
     verdict.disagreement_part(_DETERMINED),
-    *verdict.clock_parts(LAGS, (*_TURNING, *_SPINS), _DAMPINGS, Counts.INDEPENDENT),
+    *verdict.clock_parts(LAGS, (*_TURNING, *_SPINS), _DAMPINGS, Counts.INDEPENDENT, reaction_s=_reaction_s),
     verdict.SystematicPart(
         (*LAGS, *_TURNING),
         Counts.ADDED,
@@ -627,10 +636,7 @@ PARTS = (
         "The wind that was taken out has an error.",
     ),
     verdict.SystematicPart(
-        _DETERMINED,
-        Counts.ADDED,
-        lambda inputs, name: inputs.checks.shifts.get(name, 0.0),
-        _shift_sentence,
+        _DETERMINED, Counts.ADDED, lambda inputs, name: inputs.checks.shifts.get(name, 0.0), _shift_sentence
     ),
 )
 
