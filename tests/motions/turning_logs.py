@@ -12,7 +12,6 @@ import eivor as ev
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
-from eivor.signals.recording import GRAVITY
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from flights.flight_logs import channel as logged
 
@@ -58,12 +57,10 @@ def turned(
     noise=0.1,
     injected=None,
     swept=None,
-    moving=False,
 ):
     """A log of attitude steps of some size [rad] about each axis.
 
-    `injected` is added to the torques and logged, and `swept` is added to the attitude setpoint; if `moving`,
-    the velocity on the body's axes is logged, with an attitude that turns nothing.
+    `injected` is added to the torques and logged, and `swept` is added to the attitude setpoint.
     """
     flight, rng, count = vehicle or Vehicle(), np.random.default_rng(seed), round(seconds / STEP_S)
     effect = np.array(flight.effectiveness)
@@ -84,7 +81,7 @@ def turned(
     slope, before, controlled = np.zeros(3), np.zeros(3), np.zeros(3)
     followed = 1.0 - np.exp(-STEP_S / flight.second_s) if flight.second_s else 1.0
     kept = np.exp(-2.0 * np.pi * 30.0 * STEP_S)
-    rates, drift, drifted = np.empty((count, 3)), np.zeros(3), np.empty((count, 3))
+    rates, drift = np.empty((count, 3)), np.zeros(3)
     for k in range(count):
         rate = state[:, 1] + measured[k]
         rates[k] = rate
@@ -95,7 +92,6 @@ def turned(
         issued[k + flight.delayed] = np.clip(requested, -1.0, 1.0)
         controlled = controlled + followed * (issued[k] - controlled)
         drift += STEP_S * state[:, 2]
-        drifted[k] = drift
         inputs = np.stack([controlled, torque[k] - np.array(flight.drag_moment) * drift], axis=1)
         state = (onward @ state[:, :, None] + driven @ inputs[:, :, None])[:, :, 0]
     time = np.arange(count) * STEP_S
@@ -113,13 +109,6 @@ def turned(
             (f"reference_{name}", time[::8], reference[::8, axis], "rad", True),
         ):
             channels[channel] = replace(logged(channel, item, values), unit=unit, source="", held=held)
-    if moving:
-        velocity = {"velocity_x": GRAVITY * drifted[:, 1], "velocity_y": -GRAVITY * drifted[:, 0]}
-        velocity |= {
-            name: np.zeros(count) for name in ("velocity_z", *(f"attitude_{part}" for part in "xyz"))
-        }
-        velocity["attitude_w"] = np.ones(count)
-        channels |= {name: logged(name, time, values) for name, values in velocity.items()}
     return ev.Recording("turned.csv", "csv", channels)
 
 

@@ -28,8 +28,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_STAGE, LaggedRu
 from eivor.models.regression import Parameter
 from eivor.models.separable import AT_END, InstrumentRule, LaggedReferences, WarmStart
 from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, equation_prediction, simple_models
-from eivor.motions.rigid_body import dynamics
-from eivor.signals.filters import integrated
+from eivor.signals.filters import actuator_state, integrated
 from eivor.signals.recording import GRAVITY, HELICOPTER, Channel, Finding, Recording
 from eivor.tools import Float
 
@@ -37,8 +36,8 @@ TABLES = motion_tables("eivor.motions.rates")
 QUANTITIES = quantity.QuantityTable(TABLES.quantities)
 TORQUE = "torque_setpoint"
 
-#: Lags of each reference: how many, and their time constant [s]. Rates follow within a tenth of a second.
-REFERENCE_LAGS = (4, 0.06)
+#: Lags of each reference, how many and how long [s]: those that rates follow, and velocity across.
+REFERENCE_LAGS, ACROSS_LAGS = (4, 0.06), (2, 1.0)
 #: Lags and delays to search [s]. A lag of 1/D with a damping of 1/tau turns the vehicle as a lag of tau with
 #: a damping of D does, but for the gain: lags as long as damping takes are not searched.
 LAGS_S = np.geomspace(0.004, 0.15, 30)
@@ -46,8 +45,7 @@ DELAYS_S = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030)
 
 #: Setpoints across the ground that tilt the vehicle about an axis.
 TILTED_BY = {"roll": HEADED["left"], "pitch": HEADED["forward"]}
-#: What the velocity across a vehicle is made of, and what drag off its centre of mass does with it.
-ACROSS = (*dynamics.VELOCITY, *dynamics.ATTITUDE)
+#: What drag off the centre of mass does by the velocity across.
 BY_DRAG = {"roll": "roll_by_drag_y", "pitch": "pitch_by_drag_x"}
 
 
@@ -285,7 +283,7 @@ def refined(
 ) -> tuple[LaggedRuns, Estimate]:
     """The estimate, with moments by drag and a second stage of the actuators where the flights show them."""
     estimate = solve(problem)
-    if _by_drag(estimate) or not all({*ACROSS} <= {*flight.recording.channels} for flight in flights):
+    if _by_drag(estimate):
         return chosen_order(problem, estimate, solve, options)
     wider = with_drag_moments(problem, flights)
     try:
@@ -293,10 +291,9 @@ def refined(
     except EstimationError:  # instruments are too few for it
         return chosen_order(problem, estimate, solve, options)
     strength = dict(zip(other.names, other.first_stage.tolist(), strict=True))
-    if any(
-        strength[name] >= STRONG_FIRST_STAGE
-        and abs(other.parameters[name]) > TERM_ERRORS * other.std_error(name)
-        for name in _by_drag(other)
+    moments = _by_drag(other)
+    if all(strength[name] >= STRONG_FIRST_STAGE for name in moments) and any(
+        abs(other.parameters[name]) > TERM_ERRORS * other.std_error(name) for name in moments
     ):
         problem, estimate = wider, other
     return chosen_order(problem, estimate, solve, options)
@@ -419,33 +416,30 @@ def excitation(flights: Flights, axes: tuple[Axis, ...] = ()) -> str:
 def with_drag_moments(problem: LaggedRuns, flights: Flights) -> LaggedRuns:
     """The problem with what drag above or below the centre of mass does to roll and pitch."""
     tilting = [axis for axis in problem.axes if AXES[axis].name in BY_DRAG]
-    columns, across = [], [_velocity_across(flight) for flight in flights]
+    columns = []
     for item in problem.columns:
-        added = np.zeros((item.fixed.shape[0], len(tilting)))
+        added, instruments = np.zeros((item.fixed.shape[0], len(tilting))), [item.instruments]
         if item.axis in tilting:
-            added[:, tilting.index(item.axis)] = across[item.flight][AXES[item.axis].name]
-        columns.append(replace(item, fixed=np.hstack([item.fixed, added])))
-    moments = [
-        Parameter(name, QUANTITIES[name].unit) for name in (BY_DRAG[AXES[axis].name] for axis in tilting)
-    ]
+            added[:, tilting.index(item.axis)] = _velocity_across(flights[item.flight], AXES[item.axis])
+            slow = item.instruments[:, :: REFERENCE_LAGS[0] + 1]
+            for _ in range(ACROSS_LAGS[0] if slow.size else 0):
+                slow = actuator_state(slow, step_s=item.step_s, lag_s=ACROSS_LAGS[1], delay_s=0.0)
+                instruments.append(slow)
+        added = np.hstack([item.fixed, added])
+        columns.append(replace(item, fixed=added, instruments=np.hstack(instruments)))
+    moments = [Parameter(name, QUANTITIES[name].unit) for name in (BY_DRAG[AXES[k].name] for k in tilting)]
     parameters = (*problem.parameters[: problem.still], *moments, *problem.parameters[problem.still :])
     return replace(problem, columns=tuple(columns), parameters=parameters)
 
 
-def _velocity_across(flight: PreparedFlight) -> dict[str, Float[np.ndarray, " n"]]:
-    """Velocity across each tilting axis [m/s], or where none is logged what the rates make of the weight."""
-    log = flight.recording
-    if {*ACROSS} <= {*log.channels}:
-        gridded = [on_grid(log.channel(name), flight.grid)[0] for name in ACROSS]
-        forward, left, _ = dynamics.into_body(dynamics.known_rotation(*gridded[3:]), *gridded[:3])
-        return {"roll": np.asarray(left), "pitch": np.asarray(forward)}
-    results, signals = {}, flight.signals
-    for axis, weight in ((ROLL, -GRAVITY), (PITCH, GRAVITY)):
-        results[axis.name] = np.zeros(signals.sample_count)
-        for run in flight.runs if axis.rate in signals.channels else ():
-            tilt = integrated(signals.channel(axis.rate)[run], signals.step_s)
-            results[axis.name][run] = weight * integrated(tilt, signals.step_s)
-    return results
+def _velocity_across(flight: PreparedFlight, axis: Axis) -> Float[np.ndarray, " n"]:
+    """Velocity to the left by roll, or forward by pitch, that the weight makes of the tilt [m/s]."""
+    signals, weight = flight.signals, GRAVITY if axis == PITCH else -GRAVITY
+    velocity = np.zeros(signals.sample_count)
+    for run in flight.runs:
+        tilt = integrated(signals.channel(axis.rate)[run], signals.step_s)
+        velocity[run] = weight * integrated(tilt, signals.step_s)
+    return velocity
 
 
 def reach_by_drag(
@@ -460,10 +454,10 @@ def reach_by_drag(
         other = identify(wider, by_name(estimate.method))
     except EstimationError:  # instruments are too few for it
         return {}
-    names = [name for name in DAMPINGS if name in estimate.names]
-    ends = ((*estimate.interval(name), *other.interval(name)) for name in names)
-    reach = [(max(low - least, 0.0), max(most - high, 0.0)) for low, high, least, most in ends]
-    return dict(zip(names, reach, strict=True))
+    both = (
+        (name, *estimate.interval(name), *other.interval(name)) for name in DAMPINGS if name in other.names
+    )
+    return {name: (max(low - least, 0.0), max(most - high, 0.0)) for name, low, high, least, most in both}
 
 
 @dataclass(frozen=True)
@@ -500,9 +494,8 @@ class Rates(DeclaredMotion[LaggedRuns]):
     def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> OrderChecks:
         other, here = estimate.other_order, {**estimate.parameters, **estimate.nuisances}
         changes = {name: other[name] - value for name, value in here.items() if name in other}
-        lags = [changes.get(item.name, 0.0) for item in (ACTUATOR_LAG, DELAY)]
-        by_drag = reach_by_drag(problem, estimate, flights)
-        return OrderChecks({**changes, EFFECTIVE_LAG: sum(lags)}, by_drag)
+        changes[EFFECTIVE_LAG] = sum(changes.get(item.name, 0.0) for item in (ACTUATOR_LAG, DELAY))
+        return OrderChecks(changes, reach_by_drag(problem, estimate, flights))
 
     def view(self, flight: PreparedFlight) -> FlightView:
         symbols = f"u = {flight.input.name} of each axis, behind a lag τ and a delay d that all share"

@@ -240,11 +240,6 @@ def rotation(w: Value, x: Value, y: Value, z: Value) -> Rows:
     )
 
 
-def known_rotation(w: Value, x: Value, y: Value, z: Value) -> Rows:
-    """Rotation of logged attitudes, and none where one has no length."""
-    return rotation(np.where(w * w + x * x + y * y + z * z > 0.0, w, 1.0), x, y, z)
-
-
 def turned(attitude: Components, x: Value, y: Value, z: Value) -> list[Value]:
     """Attitude of length 1, turned about its own axes by small angles [rad], to their first order."""
     a, b, c, d = attitude

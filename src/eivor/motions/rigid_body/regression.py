@@ -19,7 +19,7 @@ from eivor.models.regression import Parameter
 from eivor.models.signal_regression import cross_fitted
 from eivor.motions.equation import AxisEquation, DrivenColumns, States, Term, evaluated, parsed
 from eivor.motions.rates.motion import AXES, PITCH, ROLL
-from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Rows, felt, into_body, known_rotation
+from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Rows, felt, into_body, rotation
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.signals.channels import family_members
 from eivor.signals.filters import Series, integrated, low_passed, shifted_by, time_derivative
@@ -193,7 +193,9 @@ def on_body_axes(signals: Signals, u: Series, v: Series, s: Series) -> Float[np.
 
 
 def _rows(signals: Signals) -> Rows:
-    return known_rotation(*(signals.channel(part) for part in ATTITUDE))
+    """Rotation of the attitude, and none where it has no length."""
+    w, x, y, z = (signals.channel(part) for part in ATTITUDE)
+    return rotation(np.where(w * w + x * x + y * y + z * z > 0.0, w, 1.0), x, y, z)
 
 
 FORCE = "specific_force_body_z"
