@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -33,10 +34,17 @@ _WITH_UNIT = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*")
 _WRITTEN: Mapping[str, str] = common.LOG_TABLES["written"]
 _CALLED = {word: channel for channel, words in common.LOG_TABLES["called"].items() for word in words}
 _CALLED |= {
-    f"{word}{axis}": f"specific_force_body_{axis}" for word in ("acc", "accel", "a") for axis in "xyz"
+    f"{word}{part}": f"{channel}_{part}"
+    for channel, (words, parts) in common.LOG_TABLES["called_by_part"].items()
+    for word, part in itertools.product(words, parts)
 }
 _CALLED |= {
-    f"{word}{n}": f"rotor_command_{n}" for word in ("motor", "rotor", "esc", "pwm") for n in range(1, 9)
+    text: f"reference_{channel}"
+    for (word, channel), mark in itertools.product(
+        [*_CALLED.items()], common.LOG_TABLES["reference_called"]["marks"]
+    )
+    if canonical_channel(f"reference_{channel}") is not None
+    for text in (f"{mark}{word}", f"{word}{mark}")
 }
 
 
@@ -128,14 +136,14 @@ def fitting_map(
         "Save the lines below as own.toml, correct what is wrong in them, and give --map own.toml."
         if lines
         else "Write a channel map (TOML) that says which column is which channel, and give it with "
-        "`channel_map` (--map)."
+        "`channel_map` (--map). Columns that a motion adds are known once it is named (--model, --machine, "
+        "ev.motion_by_name, ev.machine)."
     )
     error = ChannelMapError(
         "canonical column names ('time', 'velocity_z', 'rotor_command_1', ...), or the columns of a "
         f"shipped map ({', '.join(maps.shipped_maps())})",
         f"'{table}' with the columns {listed(names)}",
-        f"{write} Columns that a motion adds are known once it is named (--model, --machine, "
-        "ev.motion_by_name, ev.machine).",
+        write,
     )
     for line in lines:
         error.add_note(line)
