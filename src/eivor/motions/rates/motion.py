@@ -10,7 +10,7 @@ from itertools import chain
 
 import numpy as np
 
-from eivor.errors import EstimationError, InputError, MissingChannelError, UsageError
+from eivor.errors import DataError, EstimationError, InputError, MissingChannelError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import by_name, identify
 from eivor.flights import quantity, verdict
@@ -285,10 +285,10 @@ def refined(
     estimate = solve(problem)
     if _by_drag(estimate):
         return chosen_order(problem, estimate, solve, options)
-    wider = with_drag_moments(problem, flights)
     try:
+        wider = with_drag_moments(problem, flights)
         other = solve(wider)
-    except EstimationError:  # instruments are too few for it
+    except (DataError, EstimationError):  # samples or instruments are too few for it
         return chosen_order(problem, estimate, solve, options)
     strength = dict(zip(other.names, other.first_stage.tolist(), strict=True))
     moments = _by_drag(other)
@@ -449,10 +449,10 @@ def reach_by_drag(
     if _by_drag(estimate):
         return {}
     at = tuple(nuisance.known_at(estimate.nuisances[nuisance.name]) for nuisance in problem.nuisances)
-    wider = with_drag_moments(replace(problem, nuisances=at, warm_start=None), flights)
     try:
+        wider = with_drag_moments(replace(problem, nuisances=at, warm_start=None), flights)
         other = identify(wider, by_name(estimate.method))
-    except EstimationError:  # instruments are too few for it
+    except (DataError, EstimationError):  # samples or instruments are too few for it
         return {}
     both = (
         (name, *estimate.interval(name), *other.interval(name)) for name in DAMPINGS if name in other.names
