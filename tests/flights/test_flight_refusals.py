@@ -34,15 +34,16 @@ OPTIONS = rows("option", UsageError, lambda options: FlightOptions(**options),
     ({"window": (5.0, 5.0)}, "a window START:END with START before END; received 5:5"),
     ({"window": (float("nan"), 5.0)}, "a window START:END"),
     ({"max_tilt_deg": 0.0}, "a largest tilt between 0 and 90 degrees; received 0"),
-    ({"max_tilt_deg": 90.0}, "a largest tilt"),
+    *(({"max_tilt_deg": tilt}, "a largest tilt") for tilt in (math.nan, 90.0)),
     ({"pool_friction": "seperate"}, "pool_friction out of auto, common, separate"),
 )  # fmt: skip
 LAGS = calls("lag", None,
     (lambda: FlightOptions(lag=ev.Prior(-0.02, 0.01)), UsageError, "a lag above zero"),
     (lambda: FlightOptions(lag=ev.Bounds(50.0, 90.0)), UsageError, "between 0 and 1 s"),
+    (lambda: FlightOptions(lag=ev.Bounds(-0.01, 0.05)), UsageError, "between 0 and 1 s"),
     (lambda: ev.Bounds(0.09, 0.05), ParameterError, "the lower one first"),
-    (lambda: FlightOptions(accelerometer_bias=0.0), UsageError, "bias above zero"),
-    (lambda: FlightOptions(accelerometer_bias=math.nan), UsageError, "bias above zero"),
+    *((partial(FlightOptions, accelerometer_bias=bias), UsageError, "bias above zero")
+        for bias in (0.0, -0.1, math.nan)),
     (lambda: FlightOptions(input_map="fit", accelerometer_bias=math.inf), UsageError, "a finite"),
 )  # fmt: skip
 

@@ -137,7 +137,8 @@ def test_channels_of_a_machine_are_proposed_for_columns_written_like_them(tmp_pa
 
 def test_a_table_with_names_of_its_own_is_answered_with_the_map_that_reads_it(tmp_path):
     text = (
-        "Time (ms);Alt (ft);Vz (ft/s);Acc Z (g);Roll (deg);Pitch (deg);Motor 1 (us);Target alt (ft);Vz_ref\n"
+        "Time (ms);Altitude (ft);Vz (ft/s);Acc Z (g);Roll (deg);Pitch (deg);Motor 1 (us);Target alt (ft);"
+        "Vz_ref\n"
         "0;10;1,5;1;60;0;1500;11;2\n10;10;2;1;60;0;1600;11;3\n"
     )
     with pytest.raises(ChannelMapError, match="Save the lines below") as caught:

@@ -80,7 +80,8 @@ def test_even_stamps_may_be_in_step_with_a_slower_loop():
         assert unseen.above == pytest.approx(0.45 * flight.command_slack_s / 0.055 * value)
         assert (gain.counts, gain.below) == (Counts.INDEPENDENT, pytest.approx(value * share))
         assert "2 % larger or smaller" in gain.sentence
-    assert [item.above for item in allowances["pitch_damping"]] == [pytest.approx(6.5 * share)]
+    (damping,) = allowances["pitch_damping"]
+    assert (damping.counts, damping.above) == (Counts.INDEPENDENT, pytest.approx(6.5 * share))
     by_stamps, by_loops = allowances["effective_lag"]
     assert (by_stamps.counts, by_stamps.above) == (Counts.INDEPENDENT, flight.command_slack_s)
     assert (by_loops.counts, by_loops.above) == (Counts.INDEPENDENT, pytest.approx(3.5e-3))

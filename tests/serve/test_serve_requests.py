@@ -195,22 +195,20 @@ def test_the_own_origin_may_ask_by_either_name(page):
     assert page.refused("GET", f"/choices?token={page.server.token}", x_eivor_token=None)[0] == 403
 
 
+GONE = ("/nothing", "/jobs/../logs", "/../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//evil.example/")
+OF_NOBODY = ("/events", "/result.json", "/exports", "/exports/..%2f..%2fresult.json", "%00/events")
+
+
 @pytest.mark.parametrize(
     ("status", "method", "path"),
     [
-        (404, "GET", "/nothing"),
-        (404, "GET", f"/jobs/{NOBODY}/events"),
-        (404, "GET", f"/jobs/{NOBODY}/result.json"),
-        (404, "GET", f"/jobs/{NOBODY}/exports"),
-        (404, "DELETE", f"/jobs/{NOBODY}"),
-        (404, "DELETE", f"/logs/{NOBODY}"),
-        (404, "GET", "/%2e%2e/%2e%2e/etc/passwd"),
-        (404, "GET", f"/jobs/{NOBODY}/exports/..%2f..%2fresult.json"),
-        (404, "GET", f"/jobs/{NOBODY}%00/events"),
-        (404, "GET", "//evil.example/"),
-        (405, "POST", "/"),
-        (405, "GET", "/logs"),
-        (405, "PROPFIND", "/"),
+        *((404, "GET", path) for path in GONE),
+        *((404, "GET", f"/jobs/{NOBODY}{path}") for path in OF_NOBODY),
+        *((404, "DELETE", f"/{kind}/{NOBODY}") for kind in ("jobs", "logs")),
+        *((405, method, "/") for method in ("POST", "PROPFIND")),
+        *((405, method, "/logs") for method in ("PUT", "GET")),
+        (405, "OPTIONS", "/jobs"),
+        (405, "PATCH", f"/jobs/{NOBODY}/events"),
         (411, "POST", "/logs"),
     ],
 )
@@ -240,8 +238,10 @@ def test_a_body_comes_in_one_piece(page):
         (400, "GET / HTTP/1.1", f"X: {'a' * 700_000}\r\n"),
         (400, "GET /choices HTTP/1.1", "Host: 127.0.0.1:80\r\n"),
         (400, "POST /logs HTTP/1.1", "Content-Length: 1\r\nContent-Length: 2\r\n"),
+        (400, "POST /logs HTTP/1.1", "Content-Length: 0\r\nContent-Length: 0\r\n"),
         (400, "POST /logs HTTP/1.1", "Content-Length: 1\r\nX-Y: z\r\ncontent-length : 1\r\n"),
         (404, "CONNECT evil.example:80 HTTP/1.1", ""),
+        (404, "OPTIONS * HTTP/1.1", ""),
         (404, "GET http://evil.example/ HTTP/1.1", ""),
         (200, "GET /choices HTTP/1.1", "Connection: Upgrade\r\nUpgrade: websocket\r\n"),
         (200, "HEAD /choices HTTP/1.1", ""),

@@ -30,22 +30,8 @@ LEAST_SUGGESTED = 3
 NO_UNITS: Mapping[str, str] = {}
 #: A column's name, and its unit in brackets behind it.
 _WITH_UNIT = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*")
-#: Units as people write them, and what they call channels.
+#: Units as people write them.
 _WRITTEN: Mapping[str, str] = common.LOG_TABLES["written"]
-_CALLED = {word: channel for channel, words in common.LOG_TABLES["called"].items() for word in words}
-_CALLED |= {
-    f"{word}{part}": f"{channel}_{part}"
-    for channel, (words, parts) in common.LOG_TABLES["called_by_part"].items()
-    for word, part in itertools.product(words, parts)
-}
-_CALLED |= {
-    text: f"reference_{channel}"
-    for (word, channel), mark in itertools.product(
-        [*_CALLED.items()], common.LOG_TABLES["reference_called"]["marks"]
-    )
-    if canonical_channel(f"reference_{channel}") is not None
-    for text in (f"{mark}{word}", f"{word}{mark}")
-}
 
 
 def known_unit(text: str) -> str | None:
@@ -82,17 +68,30 @@ def canonical_map(
     return maps.ChannelMap("canonical", *times[0], tuple(rules), Frame.Z_UP, "", {}, origin)
 
 
+def _called() -> dict[str, str]:
+    """Channels by what people call them, in small letters."""
+    result = {word: channel for channel, words in common.LOG_TABLES["called"].items() for word in words}
+    for channel, (words, parts) in common.LOG_TABLES["called_by_part"].items():
+        result |= {f"{word}{part}": f"{channel}_{part}" for word, part in itertools.product(words, parts)}
+    for word, channel in [*result.items()]:
+        if canonical_channel(f"reference_{channel}") is not None:
+            for mark in common.LOG_TABLES["reference_called"]["marks"]:
+                result |= dict.fromkeys((f"{mark}{word}", f"{word}{mark}"), f"reference_{channel}")
+    return result
+
+
 def suggested_map(names: Sequence[str], units: Mapping[str, str] = NO_UNITS) -> list[str]:
     """Lines of a channel map for columns that are called as people call them; none for too few."""
     columns_by_channel: dict[str, tuple[str, str | None]] = {}
-    called = {**_CALLED, **{name.replace("_", ""): name for name in canonical_channels()}}
+    known = _called()
+    called = {**known, **{name.replace("_", ""): name for name in canonical_channels()}}
     for column in names:
         name, unit = _split_unit(column, units)
         word, _, suffix = name.rpartition("_")
-        if unit is None and suffix in common.TIME_UNITS and _CALLED.get(word.lower()) == "time":
+        if unit is None and suffix in common.TIME_UNITS and known.get(word.lower()) == "time":
             name, unit = word, suffix
         channel = called.get(re.sub(r"[\W_]", "", name).lower(), name)
-        if channel in _CALLED.values() or canonical_channel(channel) is not None:
+        if channel in known.values() or canonical_channel(channel) is not None:
             columns_by_channel.setdefault(channel, (column, unit))
     if "time" not in columns_by_channel or len(columns_by_channel) < LEAST_SUGGESTED:
         return []

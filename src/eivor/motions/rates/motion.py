@@ -283,24 +283,26 @@ def refined(
 ) -> tuple[LaggedRuns, Estimate]:
     """The estimate, with moments by drag and a second stage of the actuators where the flights show them."""
     estimate = solve(problem)
-    if _by_drag(estimate):
-        return chosen_order(problem, estimate, solve, options)
-    try:
-        wider = with_drag_moments(problem, flights)
-        other = solve(wider)
-    except (DataError, EstimationError):  # samples or instruments are too few for it
-        return chosen_order(problem, estimate, solve, options)
-    strength = dict(zip(other.names, other.first_stage.tolist(), strict=True))
-    moments = _by_drag(other)
-    if all(strength[name] >= STRONG_FIRST_STAGE for name in moments) and any(
-        abs(other.parameters[name]) > TERM_ERRORS * other.std_error(name) for name in moments
-    ):
-        problem, estimate = wider, other
+    if not _by_drag(estimate):
+        try:
+            wider = with_drag_moments(problem, flights)
+            other = solve(wider)
+        except (DataError, EstimationError):  # samples or instruments are too few for it
+            pass
+        else:
+            problem, estimate = (wider, other) if _shows_drag(other) else (problem, estimate)
     return chosen_order(problem, estimate, solve, options)
 
 
 def _by_drag(estimate: Estimate) -> list[str]:
     return [name for name in BY_DRAG.values() if name in estimate.names]
+
+
+def _shows_drag(estimate: Estimate) -> bool:
+    """Whether the instruments of all moments by drag are strong, and one moment is not zero."""
+    strength, moments = dict(zip(estimate.names, estimate.first_stage, strict=True)), _by_drag(estimate)
+    beyond = [abs(estimate.parameters[name]) > TERM_ERRORS * estimate.std_error(name) for name in moments]
+    return any(beyond) and all(strength[name] >= STRONG_FIRST_STAGE for name in moments)
 
 
 def chosen_order(
