@@ -386,14 +386,13 @@ def read_blackbox(file: Path, options: ReadOptions) -> Recording:
     data = file.read_bytes()
     begins = [match.start() for match in re.finditer(MAGIC, data)]
     first, end = max(pairwise([*begins, len(data)]), key=lambda log: log[1] - log[0])
-    sentence = "The file holds {} logs. The longest is read; `blackbox_decode` splits them."
-    findings = noted("several_logs", sentence, len(begins) if len(begins) > 1 else 0)
+    findings = noted("several_logs", len(begins) if len(begins) > 1 else 0)
     head = _parse_head(data, first, end, file.name)
     if INTRA not in head.frames or INTER not in head.frames or "time" not in head.frames[INTRA].names:
         raise _corrupt(file.name, "whose head does not say what its frames hold")
     padded = data[first:end] + bytes(2 * FRAME_BYTES)
     columns, lost = _read_columns(padded, head, head.end - first, end - first, file.name)
-    findings += noted("damaged", "Bytes that are of no frame, left out: {}.", lost)
+    findings += noted("frame_bytes", lost)
     findings += _filter_findings(head)
     chosen = _chosen_map(columns, options, head.firmware)
     rules = fitted_rules(chosen, list(columns), file.name)
@@ -490,8 +489,7 @@ def _filter_findings(head: Head) -> list[Finding]:
         "gyro_lpf_hz",
     )
     cut_offs = [f"{hz:g}" for key in keys if (hz := head.numbers(key, 0.0)[0]) > 0.0]
-    sentence = "The rates are behind the gyroscope's low-pass filters of {} Hz: the lag holds their delay."
-    return noted("gyro_filters", sentence, " and ".join(cut_offs))
+    return noted("gyro_filters", " and ".join(cut_offs))
 
 
 def _start(head: Head) -> datetime | None:

@@ -78,10 +78,15 @@ _WRONG = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, A
 DECODER_ERRORS = (*_WRONG, OSError, EOFError, RuntimeError, MemoryError, struct.error, zlib.error)
 
 
-def noted(name: str, sentence: str, subject: float | str | Iterable[str]) -> list[Finding]:
-    """Finding on a count or on names, which go into the braces of a sentence; none of zero or of nothing."""
+#: Name and sentence of what readers report; what is found goes into the braces.
+FINDINGS: Mapping[str, tuple[str, str]] = package_tables("eivor.logs", "findings.toml")
+
+
+def noted(key: str, subject: float | str | Iterable[str] = True, **words: object) -> list[Finding]:
+    """Finding of a key of `FINDINGS` on a count or on names, with words; none of zero or of nothing."""
     text = subject if isinstance(subject, (float, int, str)) else ", ".join(subject)
-    return [Finding(name, sentence.format(text))] if text else []
+    name, sentence = FINDINGS[key]
+    return [Finding(name, sentence.format(text, **words))] if text else []
 
 
 #: Fewest rows of a line, fewest columns that begin one together, and their largest distance [rows].
@@ -107,12 +112,7 @@ def without_extrapolation(
     cleaned = dict(columns)
     for name in aligned:
         cleaned[name] = np.where(np.arange(time_s.size) > started[name], np.nan, columns[name])
-    names = ", ".join(map(repr, aligned))
-    message = (
-        f"From {time_s[middle]:.2f} s to the end, {len(aligned)} columns are straight lines ({names}): made "
-        "up by a resampling tool after the stream had stopped, and taken as missing."
-    )
-    findings.append(Finding("extrapolated", message))
+    findings += noted("extrapolated", map(repr, aligned), start_s=time_s[middle], count=len(aligned))
     return cleaned
 
 
@@ -171,39 +171,34 @@ def findings_of(
     qualities = {name: item.quality for name, item in profiles.items()}
     # a flight is sampled between once per second and 100 kHz
     step_s = min((item.step_s for item in profiles.values() if np.isfinite(item.step_s)), default=1.0)
-    sentence = "The fastest sampled channel has a median step of {:.3g} s; check the unit of its clock."
     values = {name: item.values for name, item in profiles.items() if name in _SIZED}
     doubts = (*_force_doubts(values), *_attitude_doubts(values), *_velocity_doubts(channels))
     return (
         *_count_findings(qualities),
-        *([] if 1e-5 <= step_s <= 1.0 else noted("time_unit", sentence, step_s)),
+        *([] if 1e-5 <= step_s <= 1.0 else noted("time_unit", step_s)),
         *(Finding("mixed_units", doubt) for doubt in doubts),
     )
 
 
-_COUNTS: Sequence[tuple[str, Callable[[ChannelQuality], int], str]] = (
-    ("missing_values", lambda q: q.missing_values, "Samples without a value"),
-    ("overflow", lambda q: q.overflowed, "Samples outside the channel's possible range, set to missing"),
-    ("saturation", lambda q: q.saturated, "Samples at the bound of the channel's range"),
-    (
-        "time_stamps",
-        lambda q: q.duplicated_stamps + q.backward_stamps,
-        "Samples dropped, because their stamp repeats or goes backward",
-    ),
-    ("time_stamps", lambda q: q.evened_stamps, "Samples whose stamps go back and forth, which were evened"),
-)
+_COUNTS: Mapping[str, Callable[[ChannelQuality], int]] = {
+    "missing_values": lambda q: q.missing_values,
+    "overflow": lambda q: q.overflowed,
+    "saturation": lambda q: q.saturated,
+    "dropped_stamps": lambda q: q.duplicated_stamps + q.backward_stamps,
+    "evened_stamps": lambda q: q.evened_stamps,
+}
 
 
 def _count_findings(qualities: Mapping[str, ChannelQuality]) -> list[Finding]:
     findings = []
-    for name, count, meaning in _COUNTS:
+    for name, count in _COUNTS.items():
         concerned = [
             f"{key} {count(quality)}"
             for key, quality in qualities.items()
             # a setpoint without a value is one that is not in force, hence nothing to report
             if count(quality) and not (name == "missing_values" and "reference_" in key)
         ]
-        findings += noted(name, f"{meaning}: {{}}.", concerned)
+        findings += noted(name, concerned)
     return findings
 
 

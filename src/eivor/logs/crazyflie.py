@@ -130,8 +130,7 @@ def filter_findings(channels: Iterable[Channel]) -> list[Finding]:
         delay_s = common.low_pass_delay_s(cutoff)
         if late := [channel.source for channel in channels if channel.delay_s == delay_s]:
             selected.append(f"{', '.join(late)}: {1e3 * delay_s:.2g} ms (low-pass of {cutoff:g} Hz)")
-    sentence = "Taken off the stamps, as the firmware filters: {}."
-    return common.noted("sensor_delay", sentence, "; ".join(selected))
+    return common.noted("firmware_delays", "; ".join(selected))
 
 
 def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]:
@@ -349,7 +348,7 @@ def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]
     usable = {key: common.believable(time_s) for key, time_s in times.items()}
     begins = min(float(times[key][which][0]) for key, which in usable.items() if which.any())
     dropped = sum(int((~which).sum()) for which in usable.values())
-    findings += common.noted("time_stamps", "Records left out, because their stamp cannot be: {}.", dropped)
+    findings += common.noted("wrong_record_stamps", dropped)
     events = [
         Event(kind.name, kind.variables, results[key][usable[key]], times[key][usable[key]] - begins)
         for kind in header.types
@@ -441,16 +440,9 @@ def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
         remark = (
             f"{tail} bytes at its end, of no whole record, were left out" if tail else "no record is broken"
         )
-        sentence = (
-            "The log has no checksum at its end: it was cut ({}). End the logging before the power goes "
-            "(usd.logging = 0)."
-        )
-        findings += common.noted("truncated", sentence, remark)
-    sentence = "The checksum does not fit: bytes of the log were changed or lost, and values may be wrong."
-    findings += common.noted("checksum", sentence, is_another)
+        findings += common.noted("cut_records", remark)
     skipped = walk.skipped + (tail if sound else 0)
-    damaged = "Damaged parts were left out: {} bytes that belong to no record."
-    return findings + common.noted("corrupt_parts", damaged, skipped)
+    return findings + common.noted("checksum", is_another) + common.noted("lost_record_bytes", skipped)
 
 
 def _seconds(stamps: np.ndarray, start: int, tick_s: float) -> Float[np.ndarray, " n"]:
@@ -494,7 +486,7 @@ def read_crazyflie(file: Path, options: common.ReadOptions) -> Recording:
         remedy = "Check config.txt on the card, and end the logging before the power goes (usd.logging = 0)."
         raise EmptyLogError("a Crazyflie microSD log with records", received, remedy)
     texts = [text for event in events if (text := _gaps(event))]
-    findings += common.noted("dropouts", "Records are missing in {}.", "; ".join(texts))
+    findings += common.noted("lost_records", "; ".join(texts))
     events.sort(key=lambda event: -event.time_s.size)
     if options.channel_map is None:
         chosen, columns_of = _BUILT_IN, LOOKED_FOR
@@ -533,8 +525,7 @@ def _known_channels(name: str, events: Sequence[Event], findings: list[Finding])
             f"'{name}' with {listed(list(variables)) or 'none'}",
             "Name them in a channel map (--map), or log others.",
         )
-    sentence = "Variables that no channel is made of: {}. A map can name them."
-    findings += common.noted("ignored_columns", sentence, listed(others))
+    findings += common.noted("ignored_variables", listed(others))
     findings += filter_findings(list(channels.values()))
     return channels
 
@@ -557,8 +548,7 @@ def _choose_sources(events: Sequence[Event], findings: list[Finding]) -> list[tu
             name = "feedback_reference_velocity_z"
             used = VariableSource(name, tuple(replace(rule, name=name) for rule in source.rules))
         chosen.setdefault(used.quantity, (used, event))
-    names = listed(list(dict.fromkeys(zeros)))
-    findings += common.noted("never_valid", "Logged as zero throughout: {}.", names)
+    findings += common.noted("always_zero", listed(list(dict.fromkeys(zeros))))
     return list(chosen.values())
 
 
@@ -572,8 +562,7 @@ def _feedback_findings(source: VariableSource, event: Event) -> list[Finding]:
     changing = np.diff(velocity) != 0.0
     standing = (np.diff(height) == 0.0) & (height[1:] != 0.0)
     answers = bool(np.any(changing)) and np.mean(standing[changing]) >= 0.5
-    sentence = "{} stands still, so the position loop wrote it: it answers the vehicle, and is no reference."
-    return common.noted("feedback_setpoint", sentence, f"{column} changes while {planned}" if answers else "")
+    return common.noted("feedback_setpoint", f"{column} changes while {planned}" if answers else "")
 
 
 def _map_channels(

@@ -127,8 +127,7 @@ def fitting_map(
     for name in maps.shipped_maps():
         shipped = maps.load_channel_map(name)
         if set(shipped.needed_by(rule for rule in shipped.rules if not rule.optional)) <= set(names):
-            message = f"The shipped channel map '{name}' fits the table's columns and is used."
-            findings.append(Finding("channel_map", message))
+            findings += common.noted("channel_map", name)
             return shipped
     lines = suggested_map(names, units)
     write = (
@@ -248,8 +247,8 @@ def mapped_channels(
 ) -> dict[str, Channel]:
     """Return the channels with a value that rules make of columns of one clock."""
     cells = [f"{key[:60]!r} {count}" for key, count in columns.unreadable.items() if key not in columns.lists]
-    findings += common.noted("lists", "{}.", _report_lists(columns))
-    findings += common.noted("unreadable_text", "Cells that hold no number, taken as missing: {}.", cells)
+    findings += common.noted("lists", _report_lists(columns))
+    findings += common.noted("unreadable_text", cells)
     time_s, stamped = _clock(chosen, columns, name, findings)
     measured = {
         key: raw if stamped.all() else raw[stamped]
@@ -267,12 +266,10 @@ def mapped_channels(
         if np.isfinite(channel.values).any():
             channels[rule.name] = channel
         else:
-            text = f"{rule.name} ({rule.expression.text})"
-            findings += common.noted("never_valid", "Without one valid value: {}.", text)
+            findings += common.noted("never_valid_rule", f"{rule.name} ({rule.expression.text})")
     selected = {name: common.on_channel_clock(channel) for name, channel in channels.items()}
     rates = [f"{name} {item.rate_hz:.3g} Hz" for name, item in selected.items() if item is not channels[name]]
-    sentence = "Without a value of their own in some rows, and read at rates of their own: {}."
-    findings += common.noted("own_clock", sentence, rates)
+    findings += common.noted("own_clock", rates)
     return selected
 
 
@@ -293,7 +290,7 @@ def delay_findings(channels: Mapping[str, Channel], origin: str) -> list[Finding
     """Say which delays have been taken off, and who says so."""
     late = [f"{name} {1e3 * channel.delay_s:g} ms" for name, channel in channels.items() if channel.delay_s]
     text = f"{origin} says: {', '.join(late)}" if late else ""
-    return common.noted("sensor_delay", "Taken off the stamps, as {}.", text)
+    return common.noted("stated_delays", text)
 
 
 def _report_lists(columns: common.Columns) -> str:
@@ -315,12 +312,10 @@ def _clock(
         remedy = "Check the time column, or name another one in a channel map."
         raise EmptyLogError(expected, f"'{name}', in which it holds no number", remedy)
     unit = _unit(chosen, columns)
-    dropped = int((~stamped).sum())
-    findings += common.noted("time_stamps", "Rows dropped, because they have no time stamp: {}.", dropped)
+    findings += common.noted("stampless_rows", int((~stamped).sum()))
     stamps = raw[stamped]
     if abs(stamps[0]) * unit > EPOCH_S:
-        sentence = f"The clock starts at {stamps[0] * unit:.3f} s; it was set to 0."
-        findings.append(Finding("epoch_time", sentence))
+        findings += common.noted("cut_clock", stamps[0] * unit)
         stamps = stamps - stamps[0]
     return stamps * unit, stamped
 

@@ -74,7 +74,7 @@ def delay_findings(channels: Iterable[Channel], parameters: Mapping[str, float])
             words = f"low-pass of {parameters[name]:g} Hz, {name}" if name in parameters else "notch"
             selected[channel.source.partition(".")[0], words] = 1e3 * channel.delay_s
     texts = [f"{message}: {delay:.2g} ms ({words})" for (message, words), delay in selected.items()]
-    return common.noted("sensor_delay", "Taken off the stamps of {}.", "; ".join(texts))
+    return common.noted("delays", "; ".join(texts))
 
 
 #: Numbers of SERVOn_FUNCTION: motors 1 to 8, and 9 to 12.
@@ -140,28 +140,23 @@ def motor_range(parameters: Mapping[str, float]) -> MotorRange | None:
     return MotorRange(low, high, " and ".join(names), spin_min, spin_max, curve)
 
 
-def disagreement(throttle: Series, thrust: Series, motor: MotorRange) -> str:
-    """Sentence on pulse widths that do not fit the throttle; empty where they do."""
+def disagreement(throttle: Series, thrust: Series, motor: MotorRange) -> list[Finding]:
+    """Finding on pulse widths that do not fit the throttle."""
     flight = np.isfinite(throttle) & np.isfinite(thrust) & (throttle > LEAST_THROTTLE)
     throttle_in, thrust_in = throttle[flight], thrust[flight]
     if throttle_in.size < LEAST_COUNT or throttle_in.std() < LEAST_SPREAD:
-        return ""
+        return []
     order = np.argsort(throttle_in, kind="stable")
     throttle_in, thrust_in = throttle_in[order], thrust_in[order]
     half = throttle_in.size // 2
     separated = throttle_in[half:] - throttle_in[: throttle_in.size - half] > 0.5 * LEAST_SPREAD
     if separated.sum() < LEAST_COUNT // 2:
-        return ""
+        return []
     rises = (thrust_in[half:] - thrust_in[: throttle_in.size - half])[separated]
     slope = float(np.median(rises / (throttle_in[half:] - throttle_in[: throttle_in.size - half])[separated]))
     offset = float(np.median(thrust_in - throttle_in))
-    if abs(slope - 1.0) <= SLOPE_WITHIN and abs(offset) <= OFFSET_WITHIN:
-        return ""
-    return (
-        f"The thrust by the motors' pulse widths is {slope:.2f} times the throttle's changes, and "
-        f"{offset:+.2f} off it. The range {motor.low:g} to {motor.high:g} us ({motor.names}), MOT_SPIN_MIN, "
-        "MOT_SPIN_MAX or MOT_THST_EXPO are not those of the flight."
-    )
+    fits = abs(slope - 1.0) <= SLOPE_WITHIN and abs(offset) <= OFFSET_WITHIN
+    return common.noted("motor_range", not fits, slope=slope, offset=offset, motor=motor)
 
 
 MAX_ESCS = 32
@@ -183,17 +178,12 @@ def _add_outputs(reading: ardupilot.MessageReading, table: Messages) -> None:
     for motor, values in shares.items():
         reading.add(f"actuator_output_{motor}", table, values, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
     if pulses is None:
-        sentence = (
-            "RCOU holds pulse widths in microseconds, and no parameter gives their range (MOT_PWM_MIN and "
-            "MOT_PWM_MAX, or RC3_MIN and RC3_MAX). They stay as they are, and no input map fits an offset."
-        )
-        reading.findings.append(Finding("pulse_range_unknown", sentence))
+        parameters = "MOT_PWM_MIN and MOT_PWM_MAX, or RC3_MIN and RC3_MAX"
+        reading.findings += common.noted("pulse_range_unknown", parameters, topic="RCOU")
         return
-    sentence = (
-        f"RCOU holds pulse widths in microseconds: they are read as shares of the range {pulses.low:g} to "
-        f"{pulses.high:g} ({pulses.names}), of which {pulses.spin_min:g} to {pulses.spin_max:g} is in use."
-    )
-    reading.findings.append(Finding("pulse_widths", sentence))
+    in_use = f"of which {pulses.spin_min:g} to {pulses.spin_max:g} is in use"
+    words = f"{pulses.low:g} to {pulses.high:g} ({pulses.names}), {in_use}"
+    reading.findings += common.noted("pulse_widths", words, topic="RCOU")
     voltage = _voltage(table, reading)
     thrust = np.mean([pulses.thrust(share, voltage) for share in shares.values()], axis=0)
     throttle = reading.channels.get("input")
@@ -202,8 +192,7 @@ def _add_outputs(reading: ardupilot.MessageReading, table: Messages) -> None:
         return
     throttle_values = np.interp(reading.time_s(table), throttle.time_s, throttle.values)
     free = np.all([(share > 0.0) & (share < 1.0) for share in shares.values()], axis=0)
-    doubt = disagreement(np.where(free, throttle_values, np.nan), thrust, pulses)
-    reading.findings.extend(common.noted("motor_range", "{}", doubt))
+    reading.findings += disagreement(np.where(free, throttle_values, np.nan), thrust, pulses)
 
 
 def _voltage(table: Messages, reading: ardupilot.MessageReading) -> Series:
@@ -236,12 +225,7 @@ def _add_rotor_speeds(reading: ardupilot.MessageReading, table: Messages) -> Non
 
 def _add_modes(reading: ardupilot.MessageReading, table: Messages) -> None:
     column = table.first("ModeNum", "Mode")
-    modes = {
-        "pilot_in_control": ardupilot.PILOT_MODES,
-        "input_open_loop": ardupilot.OPEN_LOOP_MODES,
-        "pilot_sets_attitude": (*ardupilot.ATTITUDE_MODES, *ardupilot.RATE_MODES),
-    }
-    for name, numbers in modes.items() if column else ():
+    for name, numbers in ardupilot.TABLES["modes"].items() if column else ():
         in_mode = np.isin(table.values(column), reading.with_sweeps(numbers)).astype(np.float64)
         reading.add(name, table, in_mode, f"MODE.{column}")
 
@@ -325,8 +309,9 @@ _SETPOINTS = {
 
 def _add_setpoints(reading: ardupilot.MessageReading, table: Messages) -> None:
     """Add the setpoints of attitude or of rates, distinguished by who makes them."""
-    sweeps = reading.with_sweeps(ardupilot.ATTITUDE_MODES)
-    by_sticks = reading.modes_at(table, sweeps if table.name == "ATT" else ardupilot.RATE_MODES)
+    sticks = ardupilot.STICKS
+    modes = reading.with_sweeps(sticks["attitude"]) if table.name == "ATT" else sticks["rates"]
+    by_sticks = reading.modes_at(table, modes)
     for name, column in _SETPOINTS[table.name].items():
         for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
             if table.has(column) and where.any():
@@ -365,8 +350,8 @@ def _add_sweeps(reading: ardupilot.MessageReading, sweep: Messages) -> None:
     if settings is not None:
         axes = common.held_at(settings.time_s(), settings.values("Ax"), sweep.time_s(), axis)
     present = np.unique(axes).tolist()
-    sentence = "Sweeps of system identification on axis {:g} are not used."
-    reading.findings += (Finding("sweep_unused", sentence.format(a)) for a in present if a not in SWEPT)
+    for unused in (axis for axis in present if axis not in SWEPT):
+        reading.findings += common.noted("sweep_unused", axis=unused)
     for name, factor in dict.fromkeys(SWEPT[axis] for axis in present if axis in SWEPT):
         swept = np.isin(axes, [axis for axis, (channel, _) in SWEPT.items() if channel == name])
         _add_sweep(reading, name, sweep, np.where(swept, sweep.values("Targ") * factor, 0.0))
@@ -473,8 +458,7 @@ def read_dataflash(file: Path, _options: common.ReadOptions) -> Recording:
             "the file is there, where messages are described (FMT).",
         )
     findings += delay_findings(reading.heads.values(), parameters)
-    sentence = "Not in force while its message is silent: {}."
-    findings += common.noted("setpoint_silent", sentence, reading.inactive_setpoints)
+    findings += common.noted("silent_message", reading.inactive_setpoints)
     return Recording(
         name=file.name,
         format="dataflash",
@@ -507,8 +491,7 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
     reader = read_lines if is_text(content[: common.HEAD_BYTES]) else read_messages
     messages, findings = reader(content, ardupilot.NEEDED)
     unusable = sorted(message.name for message in messages if not message.layout.fields)
-    sentence = "Left out, because codes, names and length of their fields disagree: {}."
-    findings += common.noted("message_formats", sentence, unusable)
+    findings += common.noted("disagreeing_fields", unusable)
     misfits: list[str] = []
     tables: dict[str, Messages] = {}
     dropped = 0
@@ -526,9 +509,7 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
             lowest = lowest.where(sound)
         if lowest.count:
             tables[lowest.name] = lowest
-    sentence = "Columns left out, in which texts or lists stand for numbers, or numbers for texts: {}."
-    findings += common.noted("message_formats", sentence, sorted(misfits))
-    findings += common.noted("time_stamps", "Messages left out, because their stamp cannot be: {}.", dropped)
+    findings += common.noted("misfit_columns", sorted(misfits)) + common.noted("wrong_stamps", dropped)
     return tables, findings
 
 

@@ -85,12 +85,7 @@ class DeclaredLayouts:
         return True
 
     def findings(self) -> list[Finding]:
-        unsound = "Descriptions of messages (FMT) that cannot be, left out: {}."
-        changed = "Described again and differently, so that the first counts: {}."
-        return [
-            *noted("message_formats", unsound, self.unsound),
-            *noted("message_formats", changed, sorted(self.changed)),
-        ]
+        return noted("unsound_layouts", self.unsound) + noted("changed_layouts", sorted(self.changed))
 
 
 def begins_within(head: bytes) -> bool:
@@ -277,10 +272,7 @@ def find_offsets(
     tail = data[chain.position :]
     is_cut = tail[:2].tobytes() == HEAD[: tail.size] and not (tail.size > 2 and lengths[tail[2]] <= tail.size)
     skipped = chain.skipped + (0 if is_cut else tail.size)
-    sentence = "The log ends within a message ({} bytes of it are there)."
-    findings = noted("truncated", sentence, tail.size if is_cut else 0)
-    damaged = "Damaged parts were left out: {} bytes that belong to no message."
-    findings += noted("corrupt_parts", damaged, skipped)
+    findings = noted("cut_message", tail.size if is_cut else 0) + noted("lost_bytes", skipped)
     return {number: np.concatenate(parts.pop(number)) for number in selected}, findings
 
 
@@ -360,8 +352,8 @@ def read_lines(content: mmap.mmap, names: Collection[str]) -> tuple[list[Message
     tail_bytes = len(content) - 1 - content.rfind(b"\n")
     findings = [
         *described.findings(),
-        *noted("truncated", "The log ends within a line ({} bytes of it are there).", tail_bytes),
-        *noted("corrupt_parts", "Damaged parts were left out: {} lines that are no message.", damaged),
+        *noted("cut_line", tail_bytes),
+        *noted("lost_lines", damaged),
     ]
     return [_messages(layout, parts[name]) for name, layout in selected.items()], findings
 

@@ -109,13 +109,8 @@ CHOSEN_BY_RATE = tuple(f"angular_rate_{axis}" for axis in "xyz")
 #: Angles of the attitude in ATT [deg], turned about one after the other from the last to the first.
 ATTITUDE = ("Roll", "Pitch", "Yaw")
 
-#: Modes of copters by number. A pilot flies in stabilize, acro, altitude hold, loiter, drift, sport, position
-#: hold and flow hold; in stabilize and acro the throttle is the stick's.
-PILOT_MODES = (0, 1, 2, 5, 11, 13, 16, 22)
-OPEN_LOOP_MODES = (0, 1)
-#: Sticks set the attitude in stabilize and altitude hold, rates in acro.
-ATTITUDE_MODES = (0, 2)
-RATE_MODES = (1,)
+#: Modes in which sticks set the attitude or the rates.
+STICKS: Mapping[str, Sequence[int]] = TABLES["sticks"]
 #: In system identification sticks set throttle and attitude as in stabilize, while the sweep is on an axis up
 #: to this one; sweeps of position and velocity, behind it, have a loop for all.
 SWEEP_MODE = 25
@@ -173,11 +168,8 @@ def _core(tables: Mapping[str, Messages], chosen: str, findings: list[Finding]) 
         if table is None or not table.has("PI"):
             continue
         core = _most_common(table, "PI")
-        sentence = (
-            f"The estimator changed its core ({name}.PI): velocity and position are those of core {core}, "
-            "which was not in use for {:.0%} of the log."
-        )
-        findings += common.noted("estimator_core", sentence, float(np.mean(table.stored("PI") != core)))
+        unused = float(np.mean(table.stored("PI") != core))
+        findings += common.noted("estimator_core", unused, table=name, core=core)
         return max(core, 0)
     return 0
 
@@ -297,7 +289,7 @@ class MessageReading:
         self.heads[channel.name] = replace(channel, time_s=nothing, values=nothing)
         self.profiles[channel.name] = common.look(channel)
 
-    def with_sweeps(self, modes: tuple[int, ...]) -> tuple[int, ...]:
+    def with_sweeps(self, modes: Sequence[int]) -> Sequence[int]:
         """Modes of sticks, and system identification where its sweeps leave throttle and attitude to them."""
         selected = [axis for (axis,) in rows_of(self.tables, "SIDS", "Ax")]
         selected = selected or [self.parameters.get("SID_AXIS", 0.0)]

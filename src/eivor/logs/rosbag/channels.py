@@ -18,7 +18,6 @@ from eivor.logs.rosbag import topics as ros
 from eivor.logs.ulog import channels as px4
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, Frame, Recording
-from eivor.strict_toml import package_tables
 
 #: Place of the vehicle, direction, name, number of the instance, version of the message.
 _NAME = re.compile(
@@ -82,16 +81,11 @@ def _layouts(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> dict[str,
     fits = {raw.name: _fitting(raw, list(releases)) for raw in unsaid}
     agreed = set(releases).intersection(*(fit for fit in fits.values() if fit))
     misfits = [f"{raw.name} ({len(raw.payloads[0])} bytes)" for raw in unsaid if not fits[raw.name]]
-    sentence = (
-        "Without definitions in the bag, messages fit none of the releases of px4_msgs that are known "
-        f"({', '.join(releases)}) and are left out: {{}}."
-    )
-    findings += common.noted("px4_release", sentence, misfits)
+    findings += common.noted("no_px4_release", misfits, known=", ".join(releases))
     for raw in unsaid:
         if fits[raw.name]:
             layouts[raw.name] = _common_layout(raw, sorted(fits[raw.name] & agreed or fits[raw.name]))
-    sentence = "The bag has no definitions of messages: they are read as those of PX4 {}, whose lengths fit."
-    findings += common.noted("px4_release", sentence, sorted(agreed) or "several")
+    findings += common.noted("px4_release", sorted(agreed) or "several")
     return layouts
 
 
@@ -159,8 +153,7 @@ class RosSource:
         return f"/{MAVROS}" not in f"/{name.lstrip('/')}" and bool(ASKED.search(name)) == self.is_asked
 
 
-_TABLES = package_tables("eivor.logs.rosbag")
-CHANNEL_SOURCES = common.channel_sources(_TABLES, RosSource)
+CHANNEL_SOURCES = common.channel_sources(ros.TABLES, RosSource)
 
 ROS_SOURCES: Mapping[str, tuple[str, ...]] = {
     name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()
@@ -206,8 +199,10 @@ def ros_channels(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> dict[
             channel = _channel(name, serving[0], source, start)
             if channel is not None:
                 channels[name] = common.silenced(channel, end_s, inactive) if source.is_setpoint else channel
-    findings += common.noted("setpoint_silent", "Not in force while its topic is silent: {}.", inactive)
-    findings += _doubts(unclear, channels)
+    findings += common.noted("silent_topic", inactive)
+    for kind, names in unclear.items():
+        findings += common.noted("several_topics", names, kind=kind)
+    findings += common.noted("pulse_range_of_bag", "actuator_output_1" in channels)
     return channels
 
 
@@ -216,11 +211,7 @@ def _complete(topic: ros.BagTopic, findings: list[Finding]) -> ros.BagTopic:
     fields = ros.with_derived(topic.kind, topic.fields)
     if topic.kind == "nav_msgs/Odometry" and "twist.world.z" in fields and _is_in_the_world(topic, fields):
         fields |= {f"twist.world.{axis}": fields[f"twist.twist.linear.{axis}"] for axis in "xyz"}
-        sentence = (
-            f"The velocity of {topic.name} is that of its place as it stands: it is taken as one in "
-            "the world, although odometry's is in the body's axes."
-        )
-        findings.append(Finding("odometry_frame", sentence))
+        findings += common.noted("odometry_frame", topic.name)
     return ros.BagTopic(topic.name, topic.kind, fields, topic.stamp_ns, topic.record_ns)
 
 
@@ -261,25 +252,8 @@ def _channel(name: str, topic: ros.BagTopic, source: RosSource, start: int) -> C
     )
 
 
-def _doubts(unclear: Mapping[str, Sequence[str]], channels: Mapping[str, Channel]) -> list[Finding]:
-    findings = []
-    for kind, names in unclear.items():
-        sentence = (
-            f"Several topics of type {kind}, of which none says what it is of: {', '.join(names)}. None "
-            "is used; name the right one in a channel map (--map)."
-        )
-        findings.append(Finding("several_topics", sentence))
-    if "actuator_output_1" in channels:
-        sentence = (
-            "mavros/rc/out holds pulse widths in microseconds, and nothing in a bag gives their range: "
-            "they stay as they are, and no input map fits an offset."
-        )
-        findings.append(Finding("pulse_range_unknown", sentence))
-    return findings
-
-
 def _advice(channel: str) -> tuple[str, ...]:
-    sources = _TABLES["to_record"].get(channel)
+    sources = ros.TABLES["to_record"].get(channel)
     return (f"Record {sources}.",) if sources else ()
 
 
@@ -293,7 +267,7 @@ def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False
         takes_map=True,
         endings=(ending,),
         parts=lambda folder: containers.bag_parts(folder) if folders else common.FolderParts(),
-        **common.advised(_TABLES["advice"], _advice),
+        **common.advised(ros.TABLES["advice"], _advice),
     )
 
 

@@ -17,17 +17,12 @@ from eivor.logs.rosbag import messages
 from eivor.logs.rosbag.containers import Budget, declared, declared_by_metadata, opened
 from eivor.signals.channels import roll_pitch_yaw
 from eivor.signals.recording import Channel, Finding
+from eivor.strict_toml import package_tables
 from eivor.tools import Float, Int
 
 Fields = Mapping[str, np.ndarray]
 
-#: Modes in which a pilot flies; the thrust is the stick's; sticks set the attitude or rates.
-PILOT_MODES = (
-    *("MANUAL", "STABILIZED", "ALTCTL", "POSCTL", "ACRO", "RATTITUDE"),
-    *("STABILIZE", "ALT_HOLD", "LOITER", "POSHOLD", "SPORT", "DRIFT", "CIRCLE"),
-)
-OPEN_LOOP_MODES = ("MANUAL", "STABILIZED", "RATTITUDE", "STABILIZE", "ACRO")
-ATTITUDE_MODES = (*OPEN_LOOP_MODES, "ALTCTL", "ALT_HOLD", "SPORT", "DRIFT")
+TABLES = package_tables("eivor.logs.rosbag")
 #: Bits of the masks of mavros that say what a setpoint leaves free.
 POSITION_BITS = {"position": 1, "velocity": 8, "acceleration_or_force": 64}
 RATE_BITS, NO_THRUST, NO_ATTITUDE = {"x": 1, "y": 2, "z": 4}, 64, 128
@@ -99,14 +94,9 @@ def _state(fields: Fields) -> Fields:
     modes = fields["mode"]
     if modes.dtype.kind != "S":
         return {}
-    groups = {
-        "pilot_in_control": PILOT_MODES,
-        "input_open_loop": OPEN_LOOP_MODES,
-        "pilot_sets_attitude": ATTITUDE_MODES,
-    }
     return {
         name: np.isin(modes, [mode.encode() for mode in which]).astype(np.float64)
-        for name, which in groups.items()
+        for name, which in TABLES["modes"].items()
     }
 
 
@@ -200,14 +190,14 @@ def read_contents(
             if not got and len(files) == 1:
                 raise
             text = f"{got} messages of '{file.name}' were read" if got else "A part was left out"
-            findings.append(Finding("corrupt_parts", f"{text}: {error.received}."))
+            findings += noted("lost_file", text, reason=error.received)
     unread = contents.kinds.keys() - contents.selected
     lost = [
         f"{name} {count - contents.received[name]} of {count}"
         for name, count in (contents.declared | declared_by_metadata(files)).items()
         if count > contents.received[name] and name not in unread
     ]
-    findings += noted("lost_messages", "Messages that the bag declares and that are not there: {}.", lost)
+    findings += noted("missing_messages", lost)
     return contents
 
 
@@ -237,21 +227,17 @@ def as_columns(raw: RawTopic, layout_of: messages.LayoutOf, findings: list[Findi
     """Return a topic as columns; None when it has no sound message, or none with a time stamp."""
     columns, indices, reason = messages.decode(raw.payloads, layout_of)
     dropped = len(raw.payloads) - indices.size
-    text = f"{raw.name} ({raw.kind}) that were left out: {dropped}, as {reason}"
-    findings += noted("message_formats", "Messages of {}.", dropped and text)
+    findings += noted("left_out_messages", dropped, topic=raw, reason=reason)
     if not indices.size:
         return None
     stamp_ns = _stamps(columns)
     if stamp_ns is None:
-        sentence = f"Messages of {raw.name} ({raw.kind}) do not say when they are from, and are not used."
-        findings.append(Finding("time_stamps", sentence))
+        findings += noted("stampless_topic", topic=raw)
         return None
     is_valid = (stamp_ns > 0) & (stamp_ns < LAST_NS)
     if is_valid.any():
         is_valid &= np.abs(stamp_ns - int(np.median(stamp_ns[is_valid]))) <= round(MAX_SPAN_S * 1e9)
-    dropped = int((~is_valid).sum())
-    text = f"{raw.name} without a stamp that can be, which were left out: {dropped}"
-    findings += noted("time_stamps", "Messages of {}.", dropped and text)
+    findings += noted("stampless_messages", int((~is_valid).sum()), topic=raw)
     if not is_valid.any():
         return None
     order = _in_order(stamp_ns, np.flatnonzero(is_valid))
@@ -290,7 +276,7 @@ def of_one_clock(topics: Sequence[BagTopic], findings: list[Finding]) -> list[Ba
     same_clock = np.abs(offsets[:, None] - offsets) <= SAME_CLOCK_S
     best = same_clock[np.argmax(same_clock @ np.array([topic.stamp_ns.size for topic in topics]))].tolist()
     others = [topic.name for topic, is_near in zip(topics, best, strict=True) if not is_near]
-    findings += noted("clocks", "Stamps of another clock than the others', which are not used: {}.", others)
+    findings += noted("clocks", others)
     return [topic for topic, is_near in zip(topics, best, strict=True) if is_near]
 
 

@@ -36,7 +36,7 @@ from eivor.logs.mapping import fitted_rules, fitting_map, listed, mapped_recordi
 from eivor.logs.table import delimited
 from eivor.process_pool import SANDBOX
 from eivor.signals.channels import CurveSide
-from eivor.signals.recording import Channel, Finding, Frame, LogOrigin, Recording
+from eivor.signals.recording import Channel, Frame, LogOrigin, Recording
 from eivor.tools import Float
 
 if TYPE_CHECKING:
@@ -495,8 +495,7 @@ def restore(recording: Recording, metadata: str) -> Recording:
         if "origin" in content:
             changes["origin"] = msgspec.convert(content["origin"], LogOrigin)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
-        sentence = "The file's metadata are not understood; the table is read without them."
-        return replace(recording, findings=(*recording.findings, Finding("metadata", sentence)))
+        return replace(recording, findings=(*recording.findings, *common.noted("metadata")))
     return replace(recording, **changes)
 
 
@@ -555,8 +554,7 @@ def _table(
         needed = chosen.needed_by(rules)
         if alone and chosen.origin == file.name:
             ignored = listed([name for name in source.names if name not in needed])
-            sentence = "Columns without a canonical name are not used: {}."
-            findings += common.noted("ignored_columns", sentence, ignored)
+            findings += common.noted("ignored_columns", ignored)
         recording = mapped_recording(
             chosen, rules, source.read(needed), name=file.name, log_format=name, findings=findings
         )

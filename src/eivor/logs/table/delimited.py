@@ -208,12 +208,10 @@ def open_csv(file: Path) -> TableSource:
     """Check the lines of a delimited text and name its columns."""
     with file.open("rb") as stream:
         layout = _layout(_Lines(stream, file.name))
-    open_end = "No line break ends the file: the last cell, of {}, may be cut and is left out."
-    units = "The line below the names holds units: {}. What has another unit is left out."
     findings = (
-        *noted("truncated", "The last line is incomplete; it was left out.", layout.cut),
-        *noted("truncated", open_end, f"'{layout.names[-1]}'" if layout.open_end else ""),
-        *noted("units_row", units, [f"{name} {unit or 1}" for name, unit in layout.units.items()]),
+        *noted("cut_row", layout.cut),
+        *noted("open_end", f"'{layout.names[-1]}'" if layout.open_end else ""),
+        *noted("units_row", [f"{name} {unit or 1}" for name, unit in layout.units.items()]),
     )
     return TableSource(layout.names, partial(_read, file, layout), findings, units=layout.units)
 

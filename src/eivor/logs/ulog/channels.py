@@ -56,14 +56,9 @@ CHOSEN_BY_RATE = tuple(
     f"{quantity}_{axis}" for quantity in ("specific_force_body", "angular_rate") for axis in "xyz"
 )
 
-#: The navigation state. A pilot flies in manual, altitude, position, acro and stabilized; in manual, acro and
-#: stabilized the thrust is the stick's, and no loop acts on it.
+#: The navigation state, and those in which sticks set the attitude or the rates.
 NAVIGATION_STATE = TopicSource("vehicle_status", "nav_state")
-PILOT_STATES = (0, 1, 2, 10, 15)
-OPEN_LOOP_STATES = (0, 10, 15)
-#: In manual, altitude and stabilized mode the sticks set the attitude, in acro the rates; elsewhere loops do.
-ATTITUDE_STATES = (0, 1, 15)
-RATE_STATES = (10,)
+STICKS: Mapping[str, Sequence[int]] = TABLES["sticks"]
 ATTITUDE_SETPOINT, RATES_SETPOINT = "vehicle_attitude_setpoint", "vehicle_rates_setpoint"
 
 #: Motor outputs as they are sent: pulse widths, or counts of DShot.
@@ -154,9 +149,8 @@ def _chosen(candidates: Sequence[Topic], findings: list[Finding]) -> Topic:
     useful = [topic for topic in ordered if _usefulness(topic) == best]
     longest = max(useful, key=lambda topic: topic.size)
     chosen = longest if longest.size > 2 * useful[0].size else useful[0]
-    sizes = ", ".join(f"{topic.instance}: {topic.size} messages" for topic in ordered)
-    sentence = f"{chosen.name}: instance {chosen.instance} is used (there are {sizes})."
-    findings.append(Finding("several_instances", sentence))
+    sizes = (f"{topic.instance}: {topic.size} messages" for topic in ordered)
+    findings += common.noted("several_instances", sizes, topic=chosen)
     return chosen
 
 
@@ -301,19 +295,14 @@ def delay_findings(channels: Iterable[Channel], delays: Mapping[str, list[Delay]
         f"({', '.join(cause for _, cause in delays[name])})"
         for name in sorted({_topic_of(channel) for channel in channels if channel.delay_s})
     ]
-    return common.noted("sensor_delay", "Taken off the stamps of {}.", "; ".join(texts))
+    return common.noted("delays", "; ".join(texts))
 
 
 def unknown_filters(channels: Iterable[Channel], holder: str) -> list[Finding]:
     """Say that delays of filters are not known where the parameters are not."""
     if not any(_topic_of(channel) in LOW_PASSES for channel in channels):
         return []
-    sentence = (
-        f"{holder} no parameters: cutoffs of the filters of accelerations and rates "
-        f"({', '.join(LOW_PASSES.values())}) are not known, and their delay is not taken off. The vehicle's "
-        "own ULog has them."
-    )
-    return [Finding("sensor_delay", sentence)]
+    return common.noted("unknown_filters", holder, filters=", ".join(LOW_PASSES.values()))
 
 
 # -- Pulse widths --
@@ -345,21 +334,13 @@ def as_shares(
     ranges = {motor: pulse_range(group, motor, parameters) for motor in motors}
     ranges_known = {name: item for name, item in ranges.items() if item is not None}
     if len(ranges_known) < len(ranges):
-        sentence = (
-            f"{PULSES_TOPIC} holds pulse widths in microseconds, and no parameter gives their range "
-            f"({group}_MIN1 and {group}_MAX1, or PWM_MIN and PWM_MAX). They stay as they are, and no input "
-            "map fits an offset."
-        )
-        findings.append(Finding("pulse_range_unknown", sentence))
+        names = f"{group}_MIN1 and {group}_MAX1, or PWM_MIN and PWM_MAX"
+        findings += common.noted("pulse_range_unknown", names, topic=PULSES_TOPIC)
         return dict(widths)
     in_words: dict[tuple[float, float], str] = {}
     for low, high, names in ranges_known.values():
         in_words.setdefault((low, high), f"{low:g} to {high:g} ({names})")
-    sentence = (
-        f"{PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
-        f"{', '.join(in_words.values())}."
-    )
-    findings.append(Finding("pulse_widths", sentence))
+    findings += common.noted("pulse_widths", in_words.values(), topic=PULSES_TOPIC)
     return {
         name: np.asarray(np.clip((widths[name] - low) / (high - low), 0.0, 1.0))
         for name, (low, high, _) in ranges_known.items()
@@ -418,7 +399,7 @@ class _Reading:
         """Fields of a topic; none where it is not logged."""
         return self.topics[topic].fields if topic in self.topics else {}
 
-    def in_states(self, topic: str, states: tuple[int, ...]) -> Bool[np.ndarray, " n"]:
+    def in_states(self, topic: str, states: Sequence[int]) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle was in one of some states at each message of a topic."""
         stamps = self.clocks.get(topic, np.empty(0))
         logged = self.fields(NAVIGATION_STATE.topic).get(NAVIGATION_STATE.field)
@@ -486,9 +467,8 @@ def read_topics(
     _add_rotor_speeds(reading)
     findings += _rotor_findings(reading) + _reset_findings(reading)
     findings += delay_findings(reading.channels.values(), delays)
-    findings += common.noted("never_valid", "Logged without one valid value: {}.", reading.never_valid)
-    sentence = "Not in force while its topic is silent: {}."
-    findings += common.noted("setpoint_silent", sentence, reading.inactive_setpoints)
+    findings += common.noted("never_valid", reading.never_valid)
+    findings += common.noted("silent_topic", reading.inactive_setpoints)
     return reading.channels
 
 
@@ -499,8 +479,8 @@ def _rotor_findings(reading: _Reading) -> list[Finding]:
         return []
     times = np.append(reading.clocks["vehicle_status"], reading.end_s)
     edges = np.flatnonzero(np.diff(on_rotors, prepend=False, append=False))
-    text = ", ".join(f"{times[a]:.0f}:{times[b]:.0f}" for a, b in edges.reshape(-1, 2))
-    return [Finding("on_rotors", f"The vehicle is on its rotors in {text} s.")]
+    spans = (f"{times[a]:.0f}:{times[b]:.0f}" for a, b in edges.reshape(-1, 2))
+    return common.noted("on_rotors", spans)
 
 
 def _reset_findings(reading: _Reading) -> list[Finding]:
@@ -512,7 +492,7 @@ def _reset_findings(reading: _Reading) -> list[Finding]:
             continue
         times = reading.clocks[ESTIMATOR_TOPIC][1:][counts[1:] != counts[:-1]]
         text = ", ".join(f"{time:.2f}" for time in times[:10]) + (", ..." if times.size > 10 else "")
-        findings += common.noted("estimator_reset", f"The estimate of {meaning} jumps at {{}} s.", text)
+        findings += common.noted("estimator_reset", text, what=meaning)
     return findings
 
 
@@ -530,13 +510,13 @@ def _add_controller_velocity(reading: _Reading) -> None:
 def _add_setpoints(reading: _Reading) -> None:
     """Add setpoints of the attitude, distinguished by who makes them, and of rates where sticks do."""
     topic = ATTITUDE_SETPOINT
-    by_sticks = reading.in_states(topic, ATTITUDE_STATES)
+    by_sticks = reading.in_states(topic, STICKS["attitude"])
     for name, (values, source) in zip(NAMES, _angles(reading.fields(topic)), strict=False):
         for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
             series = np.where(where, values, np.nan)
             reading.put(f"{kind}reference_{name}", topic, series, f"{topic}.{source}")
     topic = RATES_SETPOINT
-    by_sticks = reading.in_states(topic, RATE_STATES)
+    by_sticks = reading.in_states(topic, STICKS["rates"])
     for axis, name in zip("xyz", NAMES, strict=True):
         if name in reading.fields(topic):
             series = np.where(by_sticks, reading.fields(topic)[name].astype(np.float64), np.nan)
@@ -563,12 +543,7 @@ def _add_modes(reading: _Reading) -> None:
     states = reading.values(NAVIGATION_STATE)
     if states is None:
         return
-    modes = {
-        "pilot_in_control": PILOT_STATES,
-        "input_open_loop": OPEN_LOOP_STATES,
-        "pilot_sets_attitude": (*ATTITUDE_STATES, *RATE_STATES),
-    }
-    for name, numbers in modes.items():
+    for name, numbers in TABLES["modes"].items():
         in_mode = np.isin(states, numbers).astype(np.float64)
         reading.put(name, NAVIGATION_STATE.topic, in_mode, NAVIGATION_STATE.label)
 

@@ -90,12 +90,12 @@ def _topic(file: Path, name: str, instance: int, findings: list[Finding]) -> px4
         names = [column for column in source.names if _FIELD.fullmatch(column)]
         values = source.read(names).values if "timestamp" in names else {}
     except (CorruptLogError, EmptyLogError, UnknownFormatError) as error:
-        findings.append(Finding("corrupt_parts", f"A table was left out: {error.received}."))
+        findings += common.noted("lost_table", error.received)
         return None
     stamps = values.get("timestamp", np.empty(0))
     sound = np.isfinite(stamps) & (stamps >= 0.0) & (stamps < _LAST_US)
     if not sound.any():
-        findings.append(Finding("time_stamps", f"A table without stamps was left out: '{file.name}'."))
+        findings += common.noted("stampless_table", file.name)
         return None
     fields = {key: column[sound] for key, column in values.items() if not key.startswith("timestamp")}
     clocks = {
@@ -411,22 +411,20 @@ def read_ulog(file: Path, _options: common.ReadOptions) -> Recording:
 
 
 def _file_findings(content: UlogContent) -> list[Finding]:
-    sentence = "The log ends within a message ({} bytes of it are there)."
-    findings = common.noted("truncated", sentence, content.cut_bytes)
+    findings = common.noted("cut_message", content.cut_bytes)
     rejecting = [item for item in content.subscriptions.values() if item.rejected]
     messages = content.rejected_messages + sum(item.rejected for item in rejecting)
     if content.skipped_bytes or messages:
         lost = ", ".join(dict.fromkeys(content.lost_topics))
         damage = f"{content.skipped_bytes} bytes and {messages} messages"
         damage += f", with them all of {lost}" if lost else ""
-        findings.append(Finding("corrupt_parts", f"Damaged parts were left out: {damage}."))
+        findings += common.noted("lost_parts", damage)
     texts = [f"{item.name} {item.rejected} of {item.rejected + len(item.rows)}" for item in rejecting]
     nameless = content.nameless_messages
     texts += [f"{nameless} of topics whose names are damaged"] if nameless else []
-    sentence = "Messages that are there and cannot be read: {}."
-    findings += common.noted("lost_messages", sentence, texts)
-    sentence = f"The logger lost data {{}} times, {sum(content.dropouts_ms) * 1e-3:.3g} s in total."
-    return findings + common.noted("dropouts", sentence, len(content.dropouts_ms))
+    findings += common.noted("unreadable_messages", texts)
+    lost_s = sum(content.dropouts_ms) * 1e-3
+    return findings + common.noted("dropouts", len(content.dropouts_ms), lost_s=lost_s)
 
 
 _ADVISED = common.advised(px4.TABLES["advice"], _advice)
