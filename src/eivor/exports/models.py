@@ -336,7 +336,7 @@ def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed:
             spaces.append(state_space(replace(fitted, quantities=quantities), supplied))
     nominal = _state_space_document(fitted, supplied)
     document = json.loads(nominal.text)
-    document["comments"].insert(0, one_line(vehicle.JOINT))
+    document["comments"].insert(0, one_line(vehicle.REMARKS["draws"]))
     document["draws"] = {**_arrays(spaces), "delay_s": [item.delay_s for item in spaces], **further}
     return replace(nominal, text=json.dumps(document) + "\n")
 

@@ -24,7 +24,7 @@ from eivor.exports.fitted import (
     xml_comments,
 )
 from eivor.exports.models import DRAWN_MODELS, MODELS
-from eivor.exports.vehicle import Columns, ExportOfDraws, VehicleDescription
+from eivor.exports.vehicle import REMARKS, Columns, ExportOfDraws, VehicleDescription
 from eivor.motions.vertical.model import share_of
 from eivor.signals.recording import GRAVITY
 from eivor.signals.thrust_map import Mixed
@@ -50,33 +50,23 @@ def _describe(
 def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
     """Parameters, and the dynamics with what the parameters cannot hold as a disturbance."""
     craft, value, rotor, comments = _describe(fitted, supplied, "drone-models", GRAVITY, vehicle.BODY)
-    rate, arm = 1.0 / value["actuator_lag"], value["arm_scale"] * craft.vehicle.arm
-    positions = vehicle.rotor_positions(craft)[0]
-    rows = {
-        "gravity_vec": [0.0, 0.0, -GRAVITY],
-        "mass": value["mass"],
-        "L": arm,
-        "J": np.diag([value[name] for name in vehicle.INERTIAS]).tolist(),
-        "rpm2thrust": [0.0, 0.0, rotor["thrust_constant"] * PER_MINUTE**2],
-        "rpm2torque": [0.0, 0.0, rotor["torque_constant"] * PER_MINUTE**2],
-        "rotor_dyn_coef": [rate, 0.0, rate, 0.0],
-        "mixing_matrix": [
-            (positions[:, 1] / arm).tolist(),
-            (0.0 - positions[:, 0] / arm).tolist(),
-            [float(spin) for spin in craft.vehicle.spins],
-        ],
-        "drag_matrix": np.diag([0.0 - value.get(name, 0.0) for name in vehicle.DRAGS]).tolist(),
-        "prop_inertia": value.get("rotor_inertia", 0.0),
-    }
+    arm = value["arm_scale"] * craft.vehicle.arm
+    forward, left = vehicle.rotor_positions(craft)[0].T / arm
     return vehicle.render(
-        "drone-models.txt", craft, hash_comments(comments), rows=rows, c=asdict(vehicle.coefficients(craft))
+        "drone-models.txt",
+        craft,
+        hash_comments(comments),
+        gravity=GRAVITY,
+        arm=arm,
+        thrust=rotor["thrust_constant"] * PER_MINUTE**2,
+        torque=rotor["torque_constant"] * PER_MINUTE**2,
+        mixing=np.stack([left, 0.0 - forward, craft.vehicle.spins]).tolist(),
+        c=asdict(vehicle.coefficients(craft)),
     )
 
 
 #: A rotor's share of the mass.
 ROTOR_SHARE = 0.005
-#: Of PX4 with Gazebo, whose outputs are rotor speeds; as in `gazebo.sdf`.
-OUTPUTS = "PX4 flies it with SIM_GZ_EC_MIN1, ... of 0 and SIM_GZ_EC_MAX1, ... of {:.0f} rad/s."
 #: What joints are slower than rotors; the inertia of a rotor is larger by as much.
 SLOWDOWN = 10.0
 
@@ -127,17 +117,7 @@ def _motor(value: Mapping[str, float], rotor: Mapping[str, float]) -> dict[str, 
 def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Elements to put into an existing model of PX4, whose geometry stays."""
     craft, value, rotor, comments = _describe(fitted, supplied, "a model of PX4", GAZEBO_GRAVITY)
-    inertial = {"mass": value["mass"], **{f"i{name[-2:]}": value[name] for name in vehicle.INERTIAS}}
-    remark = (
-        "Replace elements of these names: motor in each MulticopterMotorModel, inertial of the vehicle. The "
-        "model keeps its geometry."
-    )
-    lines = xml_comments((*comments, remark, OUTPUTS.format(rotor["largest_speed"])))
-    for tag, rows in (("motor", _motor(value, rotor)), ("inertial", inertial)):
-        elements = (f"  <{name}>{number}</{name}>" for name, number in rows.items())
-        lines += [f"<{tag}>", *elements, f"</{tag}>"]
-    text = "\n".join(["<patch>", *lines, "</patch>"]) + "\n"
-    return Exported(text, craft.omitted, craft.lost)
+    return vehicle.render("px4.xml", craft, xml_comments(comments), motor=_motor(value, rotor))
 
 
 def _point_inertia(point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
@@ -147,7 +127,6 @@ def _point_inertia(point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
 
 #: Isaac Lab's Thruster takes no thrust_const below it, until an environment is reset [N/rps^2].
 ISAAC_LAB_LEAST_THRUST = 1e-6
-ISAAC_LAB_CLAMPS = "Isaac Lab begins with a thrust_const of at least 1e-6, above this vehicle's: reset first."
 
 
 def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
@@ -169,11 +148,11 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
         f"com_{axis}": values[name] for axis, name in zip("xy", vehicle.CENTRE, strict=True) if name in values
     }
     if np.any(columns["thrust_const"] < ISAAC_LAB_LEAST_THRUST):
-        comments = (*comments, ISAAC_LAB_CLAMPS)
+        comments = (*comments, REMARKS["isaac_lab"])
     return vehicle.render(
         "isaaclab.txt",
         craft,
-        hash_comments((vehicle.JOINT, *comments)),
+        hash_comments((REMARKS["draws"], *comments)),
         columns=columns,
         ranges={
             name: tuple(np.quantile(column, (0.025, 0.975)).tolist()) for name, column in columns.items()
@@ -182,11 +161,6 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
     )
 
 
-MUJOCO_REMARKS = (
-    "Controls are mapped commands over that at hover, which is 1; the lag is of them, not of the speed.",
-    "Drag is along and about the body's axes: the last six controls are its, and do nothing.",
-)
-NO_LIMIT = "No largest command is known: controls are limited to 100 times that at hover."
 #: Density of a fluid whose added mass is none [kg/m^3].
 THIN = 1e-6
 
@@ -215,6 +189,7 @@ def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
     craft = _mujoco_vehicle(fitted, supplied)
     value, rotor = vehicle.first_row(craft.values), vehicle.first_row(vehicle.rotors_of(craft))
     limited = "largest_command" in value
+    remarks = [*REMARKS["mujoco"], *([] if limited else [REMARKS["mujoco_limits"]])]
     size, fluid = 0.5 * value["arm_scale"] * craft.vehicle.arm, None
     if all(name in value for name in vehicle.QUADRATIC):
         # the area that an ellipsoid has along an axis, times a coefficient, is the drag along it
@@ -224,7 +199,7 @@ def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
     return vehicle.render(
         "mujoco.xml",
         craft,
-        xml_comments((*craft.comments, *MUJOCO_REMARKS, *([] if limited else [NO_LIMIT]))),
+        xml_comments((*craft.comments, *remarks)),
         gravity=GRAVITY,
         size=size,
         fluid=fluid,
@@ -258,7 +233,7 @@ def _mujoco_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int)
     }
     document = {
         "schema": "eivor.draws.mujoco/1",
-        "comments": [one_line(line) for line in (vehicle.JOINT, *craft.comments, *MUJOCO_REMARKS)],
+        "comments": [one_line(line) for line in (REMARKS["draws"], *craft.comments, *REMARKS["mujoco"])],
         "fields": {name: column.tolist() for name, column in fields.items()},
     }
     return Exported(json.dumps(document) + "\n", craft.omitted, craft.lost)
@@ -289,24 +264,16 @@ def _urdf(fitted: Fitted, supplied: Supplied) -> Exported:
     forward, sideways = vehicle.mean_distances(craft.vehicle)
     arm, thrust = value["arm_scale"], rotor["thrust_constant"]
     size, weight = arm * craft.vehicle.arm, value["mass"] * PYBULLET_GRAVITY
-    properties = {
-        "arm": size,
-        "kf": thrust * PER_MINUTE**2,
-        "km": -craft.vehicle.spins[order[0]] * rotor["torque_constant"] * PER_MINUTE**2,
-        "thrust2weight": craft.vehicle.count * thrust * rotor["largest_speed"] ** 2 / weight,
-        "max_speed_kmh": 30.0,
-        **dict.fromkeys(("gnd_eff_coeff", "dw_coeff_1", "dw_coeff_2"), 0.0),
-        "prop_radius": craft.vehicle.rotor_radius or 0.5 * size,
-        "drag_coeff_xy": rotor["drag_across"],
-        "drag_coeff_z": rotor["drag_along"],
-        "dw_coeff_3": 1.0,
-    }
     return vehicle.render(
         "gym.urdf",
         craft,
         xml_comments(comments),
-        properties=properties,
+        rotor=rotor,
+        thrust=thrust * PER_MINUTE**2,
+        torque=-craft.vehicle.spins[order[0]] * rotor["torque_constant"] * PER_MINUTE**2,
+        weights=craft.vehicle.count * thrust * rotor["largest_speed"] ** 2 / weight,
         size=size,
+        radius=craft.vehicle.rotor_radius or 0.5 * size,
         positions=[(arm * forward * x, arm * sideways * y) for x, y in vehicle.QUARTERS],
     )
 
@@ -322,7 +289,7 @@ def _rotorpy(fitted: Fitted, supplied: Supplied, draws: Columns | None = None, s
         sample = vehicle.describe(fitted, supplied, "RotorPy", WITH_LARGEST, draws, seed)
         columns = _rotorpy_columns(sample)
         varying = {name: column for name, column in columns.items() if column.min() < column.max()}
-        comments = (vehicle.JOINT, *comments)
+        comments = (REMARKS["draws"], *comments)
         values |= {"draws": varying, "places": _rotor_positions(sample).tolist()}
     return vehicle.render("rotorpy.txt", craft, hash_comments(comments), **values)
 
@@ -375,10 +342,7 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         "THR_MDL_FAC": 0.0,
     }
     hover = value["mass"] * GRAVITY / (craft.vehicle.count * largest)
-    remarks = [
-        "Thrust goes linearly with a motor's signal in SIH: THR_MDL_FAC is 0, for the simulation alone.",
-        "SIH_KDV and SIH_KDW are 0 where no drag is known: SIH's own are those of a vehicle of 1 kg.",
-    ]
+    remarks = list(REMARKS["sih"])
     if beyond := PX4.hover.beyond((hover, (hover, hover))):
         remarks.append(f"MPC_THR_HOVER is not written: {beyond}")
     else:
@@ -391,19 +355,8 @@ SITL_TILT, SITL_FASTEST = math.radians(20.0), 100.0
 #: What SITL makes of its numbers: the arm of the yaw torque over the diagonal, turning rates that die away
 #: at this over refRotRate [deg/s], and the density of the air at refAlt 0 [kg/m^3].
 SITL_YAW, SITL_DAMPING, AIR = 0.05, 400.0, 1.225
-SITL_REMARKS = (
-    "For sim_vehicle.py -f x:FILE.json --add-param-file FILE.parm. The second is of --to sitl-parameters.",
-    "Battery and PWM are typical values, not the flight's; SIM_BATT_VOLTAGE is maxVoltage.",
-    "Yaw torque goes with thrust times signal in SITL: its change is right at hover.",
-)
 #: Speeds that rotors may have at most [Hz].
 MOTOR_HZ = (10.0, 1000.0)
-#: Battery, air, outputs and no limit to their slew.
-SITL_TYPICAL: dict[str, object] = {
-    "refVoltage": 12.1, "refCurrent": 20.0, "refBatRes": 0.01, "maxVoltage": 12.6, "battCapacityAh": 0.0,
-    "refAlt": 0.0, "refTempC": 15.0, "pwmMin": 1000, "pwmMax": 2000, "spin_min": 0.0, "spin_max": 1.0,
-    "slew_max": 0,
-}  # fmt: skip
 #: By the spin of the front right rotor: FRAME_TYPE, and `QUARTERS` in the order of its motors.
 SITL_MOTORS = {-1: (1, (0, 2, 3, 1)), 1: (18, (1, 0, 2, 3))}
 
@@ -432,7 +385,7 @@ def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription,
     steady = max(tilted + math.sqrt(tilted**2 + 4.0 * quadratic * push), 2.0 * push / SITL_FASTEST)
     rotor_drag = linear / count * float(np.square(positions[:, 1:]).sum())
     damping = (vehicle.common_value(value, "turning_other") - rotor_drag) / value["inertia_xx"]
-    frame = SITL_TYPICAL | {
+    frame = vehicle.TABLES["sitl"] | {
         "mass": value["mass"],
         "diagonal_size": diagonal,
         "moment_inertia": [value[name] for name in vehicle.INERTIAS],
@@ -457,7 +410,7 @@ def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription,
 def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
     craft, _, frame = _sitl_frame(fitted, supplied)
     # SITL reads from the first brace on: comments stand behind it
-    lines = ["{", *hash_comments((*craft.comments, *SITL_REMARKS)), json.dumps(frame, indent=2)[2:]]
+    lines = ["{", *hash_comments((*craft.comments, *REMARKS["sitl"])), json.dumps(frame, indent=2)[2:]]
     return Exported("\n".join(lines) + "\n", craft.omitted, craft.lost)
 
 
@@ -480,10 +433,8 @@ def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
     speeds = craft.thrust_map.name == "square" and MOTOR_HZ[0] <= largest_hz <= MOTOR_HZ[1]
     no_speeds = "" if speeds else "commands are no rotor speeds. Give --prior speed_scale=VALUE."
     missing = {"MOT_THST_HOVER": beyond, "SIM_VIB_MOT_MAX": no_speeds}
-    remarks = [f"{name} is not written: {why}" for name, why in missing.items() if why] + [
-        "SIM_FRM_ parameters, of ArduPilot 4.8, are the frame's numbers; earlier versions ignore them. "
-        "SIM_VIB_MOT_MAX is the rotors' largest speed [Hz], for simulated telemetry and vibration."
-    ]
+    remarks = [f"{name} is not written: {why}" for name, why in missing.items() if why]
+    remarks.append(REMARKS["sitl_parameters"])
     values = {name: value for name, value in rows.items() if not missing.get(name)}
     text = mission_planner((*craft.comments, *remarks), values)
     return Exported(text, craft.omitted, craft.lost)

@@ -41,12 +41,14 @@ if TYPE_CHECKING:
 Column = Float[np.ndarray, " n"]
 Columns = Mapping[str, Column]
 
-_TABLES = package_tables("eivor.exports", "vehicle.toml")
+TABLES = package_tables("eivor.exports", "vehicle.toml")
 #: What each number is, in the order of files.
-WORDS: Mapping[str, str] = _TABLES["words"]
+WORDS: Mapping[str, str] = TABLES["words"]
 #: What not every simulator has, and what each lacks; see the file.
-EFFECTS: Mapping[str, Mapping[str, Any]] = _TABLES["effects"]
-LACKS: Mapping[str, list[str]] = _TABLES["lacks"]
+EFFECTS: Mapping[str, Mapping[str, Any]] = TABLES["effects"]
+LACKS: Mapping[str, list[str]] = TABLES["lacks"]
+#: Comments of files.
+REMARKS: Mapping[str, Any] = TABLES["remarks"]
 INERTIAS = ("inertia_xx", "inertia_yy", "inertia_zz")
 DRAGS = ("drag_x", "drag_y", "drag_z")
 CENTRE = ("centre_of_mass_forward", "centre_of_mass_left")
@@ -100,7 +102,7 @@ RIGID_BODY = "rigid_body"
 #: What no vehicle flies without, beside mass and geometry.
 BODY = ("thrust", "actuator_lag", *INERTIAS, "torque_ratio")
 #: What the flight identifies of the vehicle's numbers at once, by its own name.
-MADE_OF: Mapping[str, Mapping[str, str]] = _TABLES["made_of"]
+MADE_OF: Mapping[str, Mapping[str, str]] = TABLES["made_of"]
 #: What few flights show: left out where the interval holds zero.
 RARE = ("quadratic_drag_z", "second_lag", "lag_asymmetry")
 #: What may be given with --prior beside these.
@@ -649,11 +651,6 @@ def render(file: str, craft: VehicleDescription | None, lines: Iterable[str], **
     return Exported(_templates().get_template(file).render(values), craft.omitted, craft.lost)
 
 
-#: Comment above joint draws.
-JOINT = (
-    "Rows are joint draws: a thrust goes with the mass of its row, so that the hover command spreads as "
-    "little as the flight identifies it. Numbers drawn each by itself would lose that."
-)
 #: What writes a file of draws, of their columns and seed, for those who train or test on many vehicles.
 ExportOfDraws = Callable[[Fitted, Supplied, Columns, int], Exported]
 
