@@ -90,7 +90,8 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
         "gazebo.sdf",
         craft,
         xml_comments(comments),
-        motor=_motor(value, rotor),
+        rotor=rotor,
+        lags=vehicle.rotor_lags(value),
         rest=body_mass,
         each=rotor_mass,
         centre=(com + centre).tolist(),
@@ -102,22 +103,11 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     )
 
 
-def _motor(value: Mapping[str, float], rotor: Mapping[str, float]) -> dict[str, float]:
-    lag_up, lag_down = vehicle.rotor_lags(value["actuator_lag"], value)
-    return {
-        "timeConstantUp": lag_up,
-        "timeConstantDown": lag_down,
-        "maxRotVelocity": rotor["largest_speed"],
-        "motorConstant": rotor["thrust_constant"],
-        "momentConstant": value["torque_ratio"],
-        "rotorDragCoefficient": rotor["drag_across"],
-    }
-
-
 def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Elements to put into an existing model of PX4, whose geometry stays."""
     craft, value, rotor, comments = _describe(fitted, supplied, "a model of PX4", GAZEBO_GRAVITY)
-    return vehicle.render("px4.xml", craft, xml_comments(comments), motor=_motor(value, rotor))
+    lags = vehicle.rotor_lags(value)
+    return vehicle.render("px4.xml", craft, xml_comments(comments), rotor=rotor, lags=lags)
 
 
 def _point_inertia(point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:

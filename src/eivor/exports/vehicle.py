@@ -433,8 +433,7 @@ def _modelled(craft: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[
     across, along = (rotor[name] if lever else 0.0 for name in ("drag_across", "drag_along"))
     height = value.get(HEIGHT, 0.0) if lever else 0.0
     rotor_drag = craft.vehicle.count * rotor["hover_speed"] * np.array([across, across, along])
-    lag, largest = value.get("actuator_lag", LEAST["actuator_lag"]), rotor["largest_speed"]
-    lag_up, lag_down = rotor_lags(lag, value)
+    largest, (lag_up, lag_down) = rotor["largest_speed"], rotor_lags(value)
     rotors = Rotors(
         positions=tuple((x, y, height) for x, y in positions.tolist()),
         spins=craft.vehicle.spins,
@@ -456,9 +455,9 @@ def _modelled(craft: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[
     return Vehicle(value["mass"], inertia, rotors, BodyDrag(*damped)), drags
 
 
-def rotor_lags(lag: float, value: Mapping[str, float]) -> tuple[float, float]:
+def rotor_lags(value: Mapping[str, float]) -> tuple[float, float]:
     """Lags towards higher and towards lower speeds [s]."""
-    asymmetry = value.get("lag_asymmetry", 0.0)
+    lag, asymmetry = value.get("actuator_lag", LEAST["actuator_lag"]), value.get("lag_asymmetry", 0.0)
     return lag / (1.0 + asymmetry), lag / (1.0 - asymmetry)
 
 

@@ -53,13 +53,7 @@ def fly(
 ) -> list[ClosedLoopFlight]:
     """Fly each shape by its vehicle with its seed, all side by side."""
     environments = [_surroundings(*item) for item in zip(shapes, vehicles, seeds, strict=True)]
-    velocities, accelerations = zip(*(shape.derivatives for shape in shapes), strict=True)
-    environment = vertical.VerticalEnvironment(
-        reference_position=np.stack([shape.offset for shape in shapes], axis=1),
-        reference_velocity=np.stack(velocities, axis=1),
-        reference_acceleration=np.stack(accelerations, axis=1),
-        **{name: np.stack([item[name] for item in environments], axis=1) for name in environments[0]},
-    )
+    environment = vertical.stacked(vertical.VerticalEnvironment, environments)
     numbers = [(_regular_friction(item), item.input_gain, item.lag_s, 0.0) for item in vehicles]
     motion = vertical.simulate_vertical(
         vertical.VerticalVehicles(*np.array(numbers).T),
@@ -86,7 +80,7 @@ def _regular_friction(vehicle: VehicleGuess) -> float:
     return vehicle.viscous_friction + (1e-4 if is_singular else 0.0)
 
 
-def _surroundings(shape: Shape, vehicle: VehicleGuess, seed: int) -> dict[str, Float[np.ndarray, " n"]]:
+def _surroundings(shape: Shape, vehicle: VehicleGuess, seed: int) -> vertical.VerticalEnvironment:
     count = shape.offset.size
     force, acceleration, velocity, rest = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(4))
     angles = [vehicle.tilt_rms * _with_density(_tilt_density, count, rest) for _ in range(2)]
@@ -95,13 +89,15 @@ def _surroundings(shape: Shape, vehicle: VehicleGuess, seed: int) -> dict[str, F
         return _with_density(partial(vehicle.left.density_at, name), count, rng)
 
     gust = residual("force", force) / _regular_friction(vehicle)
-    return {
-        "gust": gust * vehicle.harder(shape.derivatives[0], float(gust.std())),
-        "cos_tilt": np.cos(angles[0]) * np.cos(angles[1]),
-        "position_noise": POSITION_NOISE * rest.standard_normal(count),
-        "velocity_noise": residual("velocity", velocity),
-        "acceleration_noise": residual("accelerometer", acceleration),
-    }
+    return vertical.VerticalEnvironment(
+        shape.offset,
+        *shape.derivatives,
+        gust=gust * vehicle.harder(shape.derivatives[0], float(gust.std())),
+        cos_tilt=np.cos(angles[0]) * np.cos(angles[1]),
+        position_noise=POSITION_NOISE * rest.standard_normal(count),
+        velocity_noise=residual("velocity", velocity),
+        acceleration_noise=residual("accelerometer", acceleration),
+    )
 
 
 def _tilt_density(frequency_hz: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:

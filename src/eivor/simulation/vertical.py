@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, TypeAlias, TypeVar
 
@@ -88,7 +88,7 @@ def simulate_vertical(
     integral = np.zeros(flights)
     out = SimulatedMotion(*(np.empty((count, flights)) for _ in range(5)))
     line = DelayLine(vehicles.delay_s, step_s / SUBSTEPS, [hover])
-    substep = ExactSubstep(vehicles, step_s / SUBSTEPS)
+    substep = exact_substep(vehicles, step_s / SUBSTEPS)
     lifts = environment.cos_tilt if gain_share is None else gain_share * environment.cos_tilt
     for k in range(count):
         tilt, lift, gust = environment.cos_tilt[k], lifts[k], environment.gust[k]
@@ -109,38 +109,32 @@ def simulate_vertical(
         out.specific_force[k] = vehicles.input_gain * lift * state**2 - vehicles.viscous_friction * (v - gust)
         for _ in range(SUBSTEPS):
             delayed = np.asarray(line.push([command])[0])
-            state, z, v = substep.end(delayed, state, z, v, gust, lift)
+            state, z, v = substep(delayed, state, z, v, gust, lift)
     return out
 
 
-class ExactSubstep:
-    """Closed-form motion over one substep with command, gust and tilt held."""
-
-    def __init__(self, vehicles: VerticalVehicles, duration_s: float) -> None:
-        K, h = vehicles.viscous_friction, duration_s
-        rate = 1.0 / np.maximum(vehicles.lag_s, 1e-9)
-        self._K, self._K_u, self._h = K, vehicles.input_gain, h
-        self._decay = np.exp(-rate * h)
-        self._damping = np.exp(-K * h)
-        # Responses of v, and their integrals, to the three parts of the driving acceleration.
-        self._held = -np.expm1(-K * h) / K
-        self._slow = (self._decay - self._damping) / (K - rate)
-        self._fast = (self._decay**2 - self._damping) / (K - 2.0 * rate)
-        self._slow_integral = -np.expm1(-rate * h) / rate
-        self._fast_integral = -np.expm1(-2.0 * rate * h) / (2.0 * rate)
+def exact_substep(vehicles: VerticalVehicles, h: float) -> Callable[..., tuple[Flights, Flights, Flights]]:
+    """Closed-form motion over one substep [s] with command, gust and tilt held."""
+    K, rate = vehicles.viscous_friction, 1.0 / np.maximum(vehicles.lag_s, 1e-9)
+    decay, damping = np.exp(-rate * h), np.exp(-K * h)
+    # Responses of v, and their integrals, to the three parts of the driving acceleration.
+    held = -np.expm1(-K * h) / K
+    slow, slow_integral = (decay - damping) / (K - rate), -np.expm1(-rate * h) / rate
+    fast, fast_integral = (decay**2 - damping) / (K - 2.0 * rate), -np.expm1(-2.0 * rate * h) / (2.0 * rate)
 
     def end(
-        self, command: Flights, state: Flights, z: Flights, v: Flights, gust: Flights, lift: Flights
+        command: Flights, state: Flights, z: Flights, v: Flights, gust: Flights, lift: Flights
     ) -> tuple[Flights, Flights, Flights]:
         """Rotor state, height and velocity at the end; K_u times `lift` is the upward gain of the state."""
-        deviation = state - command
-        gain = self._K_u * lift
-        D0 = gain * command**2 + self._K * gust - GRAVITY
+        deviation, gain = state - command, vehicles.input_gain * lift
+        D0 = gain * command**2 + K * gust - GRAVITY
         D1, D2 = 2.0 * gain * command * deviation, gain * deviation**2
-        velocity = self._damping * v + self._held * D0 + self._slow * D1 + self._fast * D2
+        velocity = damping * v + held * D0 + slow * D1 + fast * D2
         # The equation of motion, integrated: K times the height gained is impulse less momentum.
-        impulse = self._h * D0 + self._slow_integral * D1 + self._fast_integral * D2
-        return command + self._decay * deviation, z + (impulse - (velocity - v)) / self._K, velocity
+        impulse = h * D0 + slow_integral * D1 + fast_integral * D2
+        return command + decay * deviation, z + (impulse - (velocity - v)) / K, velocity
+
+    return end
 
 
 #: Step of the controller and of the log [s].
