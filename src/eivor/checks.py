@@ -33,8 +33,7 @@ def kind(
 
 def text(name: str, value: object) -> None:
     """Refuse what is no text."""
-    if not isinstance(value, str):
-        kind(name, value, str, "text")
+    kind(name, value, str, "text")
 
 
 def index_of(what: str, name: str, known: Iterable[str], remedy: str = "Name one of them.") -> int:
@@ -68,8 +67,7 @@ def whole(name: str, value: object) -> None:
 def counted(name: str, value: int, least: int, expected: str, remedy: str) -> None:
     """Refuse what is no whole number, or less than some."""
     whole(name, value)
-    if value < least:
-        raise ParameterError(expected, f"{value}", remedy)
+    require(value >= least, expected, f"{value}", remedy)
 
 
 def seed(value: int) -> None:
@@ -80,8 +78,7 @@ def seed(value: int) -> None:
 def level(value: float) -> None:
     """Refuse a confidence level that is none."""
     number("level", value)
-    if not 0.0 < value < 1.0:
-        raise ParameterError("a confidence level between 0 and 1", f"{value}", "Use 0.95, for example.")
+    require(0.0 < value < 1.0, "a confidence level between 0 and 1", f"{value}", "Use 0.95, for example.")
 
 
 def path(name: str, value: object) -> None:

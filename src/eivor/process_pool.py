@@ -16,6 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -359,7 +360,7 @@ class LocalThreads(Executor):
         stop = threading.Event()
 
         def call(position: int, item: Item) -> tuple[int, Result]:
-            _TASK.stop = stop
+            _STOP.set(stop)
             return position, function(item)
 
         pool = ThreadPoolExecutor(self.workers)
@@ -387,10 +388,9 @@ class LocalProcesses(Executor):
         check_workers(self.workers)
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Results[Result]:
-        processes = [WorkerProcess(function) for _ in range(self.workers)]
         free: queue.SimpleQueue[WorkerProcess] = queue.SimpleQueue()
-        for process in processes:
-            free.put(process)
+        for _ in range(self.workers):
+            free.put(WorkerProcess(function))
 
         def call(item: Item) -> Result:
             process = free.get()
@@ -409,8 +409,8 @@ class LocalProcesses(Executor):
                 "Memory may have run out: use fewer workers. What was complete is kept: run the same again.",
             ) from error
         finally:
-            for process in processes:
-                process.close()
+            for _ in range(self.workers):
+                free.get().close()
 
 
 def useful_workers(workers: int | None, tasks: int) -> int:
@@ -444,13 +444,11 @@ def in_order(results: Results[Result]) -> Generator[Result, None, None]:
                 turn += 1
 
 
-class _Task(threading.local):
-    stop: threading.Event | None = None
-
-
-_TASK = _Task()
+#: Set in a thread once nobody waits for its task any more.
+_STOP: ContextVar[threading.Event] = ContextVar("stop")
 
 
 def abandoned() -> bool:
     """Whether nobody waits for this thread's task any more; a long task checks it between its parts."""
-    return _TASK.stop is not None and _TASK.stop.is_set()
+    stop = _STOP.get(None)
+    return stop is not None and stop.is_set()

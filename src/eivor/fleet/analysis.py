@@ -386,22 +386,6 @@ def query(table: pl.DataFrame, what: str) -> pl.DataFrame:
     )
 
 
-#: Tables without rows.
-COVARIATES = pl.DataFrame(
-    schema={
-        **dict.fromkeys(("type", "quantity", "covariate"), pl.String),
-        **dict.fromkeys(("slope", "std_error"), pl.Float64),
-    }
-)
-DEVIATING = pl.DataFrame(
-    schema={
-        **dict.fromkeys((*VEHICLE, "name", "sha256"), pl.String),
-        "start": pl.Datetime("us", "UTC"),
-        "hours": pl.Float64,
-        "quantity": pl.String,
-        **dict.fromkeys(("value", "std_error", "low", "high", "expected", "p_value"), pl.Float64),
-    }
-)
 #: A slope is recognised by the flights where its error is at most this share of what it was beforehand.
 MOVED = 0.9
 #: Tests of a quantity: for a drift, and for a step.
@@ -456,8 +440,8 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
         pooled,
         _concat(types),
         _concat([item.omitted() for item in result]),
-        _concat([COVARIATES, *(item.covariates() for item in selected)]),
-        _concat([DEVIATING, *deviating]).sort("p_value"),
+        _concat([fleet_table.COVARIATES, *(item.covariates() for item in selected)]),
+        _concat([fleet_table.DEVIATING, *deviating]).sort("p_value"),
         rows,
         frozenset((name, covariate.name) for name, trend in trends for covariate in trend.used),
     )
@@ -574,7 +558,7 @@ class _Quantity:
 
     def deviating(self, tests: pl.DataFrame) -> pl.DataFrame:
         if self.trend is None:
-            return DEVIATING
+            return fleet_table.DEVIATING
         counts = self._counts(self.trend, tests)
         form = self.trend.form(counts)
         p_values, line = self.trend.deviations(form)
@@ -597,7 +581,7 @@ class _Quantity:
     def covariates(self) -> pl.DataFrame:
         """Slopes that the flights identify, type by type; not those that stay at their prior."""
         if self.trend is None or not self.trend.used:
-            return COVARIATES
+            return fleet_table.COVARIATES
         types = pl.DataFrame({"type": self.trend.sets.str.replace("\n", ", ", literal=True)})
         errors = np.sqrt(np.einsum("sii->si", self.trend.slopes_covariance))
         return pl.concat(

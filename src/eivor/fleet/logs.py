@@ -190,32 +190,16 @@ def _rows(path: Path, delimiter: str) -> Iterator[dict[str, str]]:
                 if row:
                     yield dict(zip(header, row, strict=True))
         except csv.Error as error:
-            expected, received = (
-                f"a table of logs '{path}' that can be read",
-                f"line {rows.line_num}: {error}",
-            )
-            raise InputError(expected, received, "Correct the line.") from error
+            expected = f"a table of logs '{path}' that can be read"
+            raise InputError(expected, f"line {rows.line_num}: {error}", "Correct the line.") from error
 
 
 def files_below(folder: Path, note: Callable[[OSError], None]) -> Generator[tuple[str, str], None, None]:
-    """Files, folder after folder."""
-    waiting = [""]
-    while waiting:
-        inside = waiting.pop()
-        path = folder / inside
-        try:
-            with os.scandir(path) as entries:
-                for entry in entries:
-                    name = f"{inside}/{entry.name}" if inside else entry.name
-                    is_folder = False
-                    with suppress(OSError):  # what cannot be identified is a file
-                        is_folder = entry.is_dir()  # or a link to one
-                    if not is_folder:
-                        yield str(path / entry.name), name
-                    elif not entry.is_symlink():
-                        waiting.append(name)
-        except OSError as error:
-            note(error)
+    """Files, folder after folder; what cannot be identified is a file, and a link to a folder is left out."""
+    for path, _, names in os.walk(folder, onerror=note):
+        inside = Path(path).relative_to(folder)
+        for name in names:
+            yield str(folder / inside / name), (inside / name).as_posix()
 
 
 @dataclass(frozen=True, slots=True)

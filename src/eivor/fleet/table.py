@@ -141,6 +141,11 @@ _KINDS = {
     "numbers": pl.List(_NUMBER),
 }
 _WORDS = package_tables("eivor.fleet", "columns.toml")
+#: Tables of a report without rows.
+COVARIATES, DEVIATING = (
+    pl.DataFrame(schema={name: _KINDS[kind] for name, kind in _WORDS[part].items()})
+    for part in ("covariates", "deviating")
+)
 #: Columns before those of the quantities, and after them: type, what it is, and in which unit.
 LEADING, TRAILING = (
     {name: (_KINDS[kind], words, unit) for name, (kind, words, unit) in _WORDS[part].items()}

@@ -15,7 +15,16 @@ import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError
 from eivor.logs.channel_map import ChannelMap, ChannelRule, Expression, load_channel_map
-from eivor.logs.common import Columns, LogFormat, ReadOptions, begins_with, believable, noted
+from eivor.logs.common import (
+    LOG_TABLES,
+    Columns,
+    LogFormat,
+    ReadOptions,
+    advised,
+    begins_with,
+    believable,
+    noted,
+)
 from eivor.logs.mapping import fitted_rules, mapped_recording
 from eivor.signals.recording import Finding, LogOrigin, Recording
 
@@ -49,6 +58,7 @@ ADJUSTMENT, LAST_EVENT = 13, b"\xffEnd of log\0"
 CLOCK = "time (us)"
 #: Counts of the accelerometer to a g in the shipped maps.
 COUNTS = 2048.0
+_TABLE = LOG_TABLES["blackbox"]
 
 Block = np.ndarray  # (n,) numbers of frames
 
@@ -481,14 +491,7 @@ def _chosen_map(columns: Mapping[str, np.ndarray], options: ReadOptions, firmwar
 
 def _filter_findings(head: Head) -> list[Finding]:
     """Low-pass filters of the gyroscope, whose delay is a part of the lag."""
-    keys = (
-        "gyro_lpf1_static_hz",
-        "gyro_lpf2_static_hz",
-        "gyro_lowpass_hz",
-        "gyro_lowpass2_hz",
-        "gyro_lpf_hz",
-    )
-    cut_offs = [f"{hz:g}" for key in keys if (hz := head.numbers(key, 0.0)[0]) > 0.0]
+    cut_offs = [f"{hz:g}" for key in _TABLE["low_passes"] if (hz := head.numbers(key, 0.0)[0]) > 0.0]
     return noted("gyro_filters", " and ".join(cut_offs))
 
 
@@ -507,12 +510,7 @@ FORMATS = (
         begins_with(MAGIC),
         read_blackbox,
         takes_map=True,
-        advice=lambda _channel: (
-            "Blackbox: set blackbox_sample_rate for 1 kHz or more; log the gyroscope, setpoints and motors.",
-            "Log eRPM (bidirectional DShot): it gives the speeds of the rotors.",
-        ),
-        setpoints="setpoint[0] to setpoint[2] and rcCommand (the sticks), axisP, axisI, axisD and axisF "
-        "(the sums of the loops), motor[0] to motor[3] (the commands), eRPM (the speeds of the rotors).",
         endings=(".bbl", ".bfl"),
+        **advised(_TABLE["advice"], lambda _channel: tuple(_TABLE["advice"]["all"])),
     ),
 )

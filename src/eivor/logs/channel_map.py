@@ -25,23 +25,11 @@ from eivor.tools import Float
 
 #: Elementwise functions; how many arguments one has is the ufunc's `nin`.
 FUNCTIONS: Mapping[str, np.ufunc] = {
-    "abs": np.absolute,
-    "sign": np.sign,
-    "sqrt": np.sqrt,
-    "exp": np.exp,
-    "ln": np.log,
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "tanh": np.tanh,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
-    "atan2": np.arctan2,
-    "hypot": np.hypot,
-    "pow": np.power,
-    "greatest": np.maximum,
-    "least": np.minimum,
+    name: getattr(np, {"ln": "log", "greatest": "maximum", "least": "minimum"}.get(name, name))
+    for name in (
+        *("abs", "sign", "sqrt", "exp", "ln", "sin", "cos", "tan", "tanh", "asin", "acos", "atan", "atan2"),
+        *("hypot", "pow", "greatest", "least"),
+    )
 }
 _OPERATORS: Mapping[type[ast.AST], np.ufunc] = {
     ast.Add: np.add,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import re
 import struct
@@ -12,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import nsmallest
 from math import inf
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -44,13 +44,14 @@ class Columns:
 
 
 def low_pass_delay_s(cutoff_hz: float) -> float:
-    """How late a low-pass of the second order (Butterworth) is, far below its cutoff [s]."""
-    return float(np.sqrt(2.0) / (2.0 * np.pi * cutoff_hz))
+    """How late a low-pass of the second order (Butterworth) is, far below its cutoff [s]; 0 without any."""
+    return float(np.sqrt(2.0) / (2.0 * np.pi * cutoff_hz)) if cutoff_hz > 0.0 else 0.0
 
 
 def notch_delay_s(frequency_hz: float, bandwidth_hz: float) -> float:
-    """How late a notch is, far below its frequency [s]."""
-    return float(bandwidth_hz / (2.0 * np.pi * frequency_hz**2))
+    """How late a notch is, far below its frequency [s]; 0 without any."""
+    is_set = frequency_hz > 0.0 and bandwidth_hz > 0.0
+    return float(bandwidth_hz / (2.0 * np.pi * frequency_hz**2)) if is_set else 0.0
 
 
 #: What content may become: numbers for each byte and those that are free, numbers at most, groups and
@@ -454,6 +455,16 @@ def channel_sources(
     return {name: tuple(kind(**row) for row in rows) for name, rows in tables["channels"].items()}
 
 
+def looked_for(
+    tables: Mapping[str, Any],
+    sources: Mapping[str, tuple[Source, ...]],
+    label: Callable[[Source], str] = attrgetter("label"),
+) -> Mapping[str, tuple[str, ...]]:
+    """Where each channel is looked for: labels of its sources, and what tables say of others."""
+    of_sources = {name: tuple(map(label, every)) for name, every in sources.items()}
+    return of_sources | {name: tuple(texts) for name, texts in tables.get("looked_for", {}).items()}
+
+
 def in_preference(
     sources: Mapping[str, tuple[Source, ...]], by_rate: Sequence[str], count: Callable[[Source], int]
 ) -> Iterator[tuple[str, Source]]:
@@ -551,21 +562,10 @@ def believable(time_s: Series) -> Bool[np.ndarray, " n"]:
 #: Unit as written in a map: its SI unit, and how many of that one of it is.
 UNITS: Mapping[str, tuple[str, float]] = {
     unit: (si_unit, factor)
-    for si_unit, units in {
-        "": {"": 1.0, "1": 1.0, "%": 0.01},
-        "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048},
-        "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1.0 / 3.6, "ft/s": 0.3048},
-        "m/s^2": {"m/s^2": 1.0, "cm/s^2": 1e-2, "mm/s^2": 1e-3, "g": 9.80665, "mg": 9.80665e-3},
-        "rad": {"rad": 1.0, "deg": math.pi / 180.0},
-        "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
-        "V": {"V": 1.0, "mV": 1e-3},
-        "N": {"N": 1.0},
-        "us": {"us": 1.0},
-    }.items()
+    for si_unit, units in LOG_TABLES["units"].items()
     for unit, factor in units.items()
 }
-
-TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS: Mapping[str, float] = LOG_TABLES["time_units"]
 
 
 def unit_fits(channel: CanonicalChannel, si_unit: str) -> bool:

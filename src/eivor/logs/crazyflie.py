@@ -56,14 +56,14 @@ _UNITS = {"": 1.0, "milli": 1e-3, "power": 1.0 / FULL_POWER} | {
 
 
 def _source(row: Mapping[str, Any]) -> VariableSource:
-    name, low_pass_hz = row["channel"], row.get("low_pass_hz", 0.0)
+    name = row["channel"]
     rule = maps.ChannelRule(
         name,
         maps.Expression.of_column(row["variable"]),
         row.get("sign", 1.0) * _UNITS[row.get("unit", "")],
         held=held_by_default(name),
         estimated=row.get("estimated", False),
-        delay_s=common.low_pass_delay_s(low_pass_hz) if low_pass_hz else 0.0,
+        delay_s=common.low_pass_delay_s(row.get("low_pass_hz", 0.0)),
     )
     return VariableSource(row.get("quantity", name), (rule,), row.get("zero_is_absent", True))
 
@@ -78,20 +78,13 @@ def _quaternion(columns: Sequence[str]) -> VariableSource:
 
 
 def _angles(group: str) -> VariableSource:
-    half = {
-        f"{kind}{axis}": f'{function}("{group}.{angle}" * {sign}{np.pi / 360.0!r})'
-        for kind, function in (("c", "cos"), ("s", "sin"))
-        for axis, angle, sign in (("r", "roll", ""), ("p", "pitch", "-"), ("y", "yaw", ""))
-    }
-    texts = {
-        "w": "{cr} * {cp} * {cy} + {sr} * {sp} * {sy}",
-        "x": "{sr} * {cp} * {cy} - {cr} * {sp} * {sy}",
-        "y": "{cr} * {sp} * {cy} + {sr} * {cp} * {sy}",
-        "z": "{cr} * {cp} * {sy} - {sr} * {sp} * {cy}",
-    }
-    parsed = {part: maps.parse_expression(text.format(**half), group) for part, text in texts.items()}
-    words = f"{group}.roll, .pitch and .yaw"
-    rules = (maps.ChannelRule(f"attitude_{part}", replace(item, text=words)) for part, item in parsed.items())
+    signs = {"roll": "", "pitch": "-", "yaw": ""}
+    halves = {angle: f'"{group}.{angle}" * {sign}{np.pi / 360.0!r}' for angle, sign in signs.items()}
+    rules = []
+    for part, text in _TABLES["angles"].items():
+        parsed = maps.parse_expression(text.format(**halves), group)
+        words = f"{group}.roll, .pitch and .yaw"
+        rules.append(maps.ChannelRule(f"attitude_{part}", replace(parsed, text=words)))
     return VariableSource("attitude", tuple(rules))
 
 

@@ -129,10 +129,15 @@ class AxisColumns:
 
     def all_columns(self, nuisances: Values, count: int) -> Float[np.ndarray, "n count"]:
         """Columns of all `count` parameters, with zeros for those that are not in the equation."""
-        columns = self.moving(nuisances)
-        moving = np.zeros((len(columns), count - self.fixed.shape[1]))
-        moving[:, list(range(columns.shape[1]) if self.moved is None else self.moved)] = columns
-        return np.column_stack([self.fixed, moving])
+        return np.column_stack([self.fixed, self.padded(self.moving(nuisances), count)])
+
+    def padded(self, moving: np.ndarray, count: int) -> np.ndarray:
+        """Rows of moving columns at their places, with zeros for those of `count` not in the equation."""
+        if self.moved is None:
+            return moving
+        padded = np.zeros((len(moving), count - self.fixed.shape[1]), moving.dtype)
+        padded[:, list(self.moved)] = moving
+        return padded
 
     def spectral(self, run: slice) -> SpectralRun:
         """The run and its bins."""
@@ -373,12 +378,8 @@ class LaggedRuns(SeparableProblem):
 
     def _padded(self, blocks: list[np.ndarray]) -> list[np.ndarray]:
         """Moving columns of every run at their places, with zeros for those not in its equation."""
-        results = []
-        for (column, _), block in zip(self._cut(), blocks, strict=True):
-            padded = np.zeros((block.shape[0], len(self.parameters) - column.fixed.shape[1]), block.dtype)
-            padded[:, list(self._positions(column))] = block
-            results.append(padded)
-        return results
+        pairs = zip(self._cut(), blocks, strict=True)
+        return [column.padded(block, len(self.parameters)) for (column, _), block in pairs]
 
     def _instruments(self) -> Iterator[Float[np.ndarray, "_ p"]]:
         """Instruments of every run: each axis has columns of its own. They are large, and used once."""
@@ -406,13 +407,11 @@ class LaggedRuns(SeparableProblem):
 
     @cached_property
     def _row_layout(self) -> RowLayout:
-        parts = []
-        for column, run in self._cut():
-            samples = np.arange(run.start, run.stop)
-            counted = column.counted(run)
-            samples = samples if counted is None else samples[counted]
-            labels = (np.full(samples.size, column.flight), np.full(samples.size, column.axis))
-            parts.append(np.stack([*labels, samples]))
+        parts = [
+            np.stack([np.full(samples.size, column.flight), np.full(samples.size, column.axis), samples])
+            for column in self.columns
+            for samples in column.cut(np.arange(len(column.responses)))
+        ]
         flights, axes, samples = np.concatenate(parts, axis=1)
         return SampleRows(flights) if len(self.axes) == 1 else AxisRows(flights, axes, samples)
 

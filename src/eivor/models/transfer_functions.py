@@ -32,22 +32,17 @@ SHARE, LEAST_BINS, LINEAR = 0.08, 10, 0.1
 BAND_HZ, FEWEST = (0.4, 20.0), 6
 #: Neighbours to both sides over which variances of noise are smoothed.
 SMOOTHED = 3
-#: Parameters by name: lowest and highest value, and unit. The gain has a sign and no bounds.
+#: Lowest and highest value of parameters, in s and 1/s. The gain has a sign and no bounds.
 PARAMETERS = {
-    "gain": (-math.inf, math.inf, ""),
-    "damping": (-3.0, 60.0, "1/s"),
-    "delay": (0.0, 0.25, "s"),
-    "first": (0.0, 0.6, "s"),  # Denominator 1 + first s + second s^2
-    "second": (0.0, 0.04, "s^2"),
-    "third": (0.0, 0.3, "s"),  # And times 1 + third s
+    "gain": (-math.inf, math.inf),
+    "damping": (-3.0, 60.0),
+    "delay": (0.0, 0.25),
+    "first": (0.0, 0.6),  # Denominator 1 + first s + second s^2
+    "second": (0.0, 0.04),
+    "third": (0.0, 0.3),  # And times 1 + third s
 }
 #: Which of them a model of an order has.
-OF_ORDER = {
-    1: ("gain", "damping", "delay"),
-    2: ("gain", "damping", "delay", "first"),
-    3: ("gain", "damping", "delay", "first", "second"),
-    4: ("gain", "damping", "delay", "first", "second", "third"),
-}
+OF_ORDER = {order: tuple(PARAMETERS)[: order + 2] for order in (1, 2, 3, 4)}
 #: Lags from which searches start [s].
 STARTS_S = (0.01, 0.03, 0.06, 0.12)
 BEGINNING = {"delay": 0.005, "third": 0.01}
@@ -74,7 +69,7 @@ Response: TypeAlias = Callable[[Spectrum], Spectrum]
 
 def _bounds(names: tuple[str, ...]) -> tuple[Vector, Vector]:
     """Lowest and highest values of parameters."""
-    low, high = (np.array([PARAMETERS[name][end] for name in names], dtype=np.float64) for end in (0, 1))
+    low, high = np.array([PARAMETERS[name] for name in names], dtype=np.float64).T
     return low, high
 
 

@@ -47,13 +47,7 @@ def fractional_difference(
 
 def padded_length(count: int) -> int:
     """Length without large prime factors at which a convolution of records that long does not wrap around."""
-    return fast_length(2 * count)
-
-
-def fast_length(needed: int) -> int:
-    """Least length without large prime factors that suffices, or almost."""
-    fast = (factor << max(needed.bit_length() - 4, 0) for factor in (8, 9, 10, 12, 15, 16))
-    return next(length for length in fast if length >= needed)
+    return int(scipy.fft.next_fast_len(2 * count, real=True))
 
 
 def _response(order: float, count: int) -> Complex[np.ndarray, " bins"]:

@@ -57,11 +57,10 @@ LOW_PASSES = {"specific_force_body": "INS_ACCEL_FILTER", "angular_rate": "INS_GY
 def delay_of(channel: str, parameters: Mapping[str, float]) -> float:
     """Delay of a channel [s], zero where none is known."""
     family = channel.rpartition("_")[0]
-    cutoff = parameters.get(LOW_PASSES.get(family, ""), 0.0)
-    delay = common.low_pass_delay_s(cutoff) if cutoff > 0.0 else 0.0
+    delay = common.low_pass_delay_s(parameters.get(LOW_PASSES.get(family, ""), 0.0))
     if family == "angular_rate" and parameters.get("INS_NOTCH_ENABLE", 0.0) > 0.0:
         frequency, width = parameters.get("INS_NOTCH_FREQ", 0.0), parameters.get("INS_NOTCH_BW", 0.0)
-        delay += common.notch_delay_s(frequency, width) if frequency > 0.0 and width > 0.0 else 0.0
+        delay += common.notch_delay_s(frequency, width)
     return delay
 
 

@@ -129,10 +129,7 @@ NEEDED = frozenset(
     | {"MODE", "EV", "ARM", "MSG", "VER", "PARM", "SIDD", "SIDS", "GPS"}
 )
 
-LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
-    **{name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()},
-    **{name: tuple(texts) for name, texts in TABLES["looked_for"].items()},
-}
+LOOKED_FOR = common.looked_for(TABLES, CHANNEL_SOURCES)
 
 #: ATT.AEKF and AHRS_EKF_TYPE of each estimator.
 _TYPES = {3: "XKF1", 2: "NKF1", 1: "EKF1"}

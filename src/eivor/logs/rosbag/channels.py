@@ -154,10 +154,7 @@ class RosSource:
 
 
 CHANNEL_SOURCES = common.channel_sources(ros.TABLES, RosSource)
-
-ROS_SOURCES: Mapping[str, tuple[str, ...]] = {
-    name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()
-}
+ROS_SOURCES = common.looked_for(ros.TABLES, CHANNEL_SOURCES)
 
 #: The velocity as it stands is taken, not turned, where its way [s] fits the place's so many times better.
 MUCH_BETTER, WAY_S = 2.0, 1.0

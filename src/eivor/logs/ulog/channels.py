@@ -102,10 +102,7 @@ def _with_profile(source: TopicSource) -> str:
     return f"{source.label} [SDLOG_PROFILE bit {' or '.join(map(str, sorted({0, *bits})))}]"
 
 
-LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
-    **{name: tuple(map(_with_profile, sources)) for name, sources in CHANNEL_SOURCES.items()},
-    **{name: tuple(texts) for name, texts in TABLES["looked_for"].items()},
-}
+LOOKED_FOR = common.looked_for(TABLES, CHANNEL_SOURCES, _with_profile)
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,17 +250,12 @@ Delay = tuple[float, str]
 
 def topic_delays(topic: Topic, parameters: Mapping[str, float]) -> list[Delay]:
     """Known delays of a topic, each with its cause; none for most topics."""
-    delays: list[Delay] = []
     filter_name = LOW_PASSES.get(topic.name, "")
     cutoff = parameters.get(filter_name, 0.0)
-    if cutoff > 0.0:
-        delays.append((common.low_pass_delay_s(cutoff), f"low-pass of {cutoff:g} Hz, {filter_name}"))
-    for frequency_name, width_name in NOTCHES.get(topic.name, ()):
-        frequency, width = parameters.get(frequency_name, 0.0), parameters.get(width_name, 0.0)
-        if frequency > 0.0 and width > 0.0:
-            delays.append(
-                (common.notch_delay_s(frequency, width), f"notch at {frequency:g} Hz, {frequency_name}")
-            )
+    delays = [(common.low_pass_delay_s(cutoff), f"low-pass of {cutoff:g} Hz, {filter_name}")]
+    for name, width_name in NOTCHES.get(topic.name, ()):
+        frequency, width = parameters.get(name, 0.0), parameters.get(width_name, 0.0)
+        delays.append((common.notch_delay_s(frequency, width), f"notch at {frequency:g} Hz, {name}"))
     lengths = topic.fields.get(MEANS.get(topic.name, ""), np.empty(0))
     if lengths.size:
         length = float(np.median(lengths))

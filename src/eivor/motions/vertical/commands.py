@@ -21,7 +21,6 @@ from eivor.motions.vertical.regression import FORCE, Balance, Linear, VerticalFl
 from eivor.motions.vertical.select import FittedCurve
 from eivor.signals.channels import CurveSide, common_side
 from eivor.signals.filters import actuator_state
-from eivor.signals.noise import fast_length
 from eivor.signals.recording import Finding
 from eivor.signals.thrust_map import InputMap, Power, input_map
 from eivor.tools import Float
@@ -67,7 +66,7 @@ def _gains(flight: PreparedFlight, limits: Sequence[CommandLimit]) -> Float[np.n
 
     logged = features(signals.family(flight.input.name))
     whitening = _whitening(_residual(logged), max(int(MEMORY_S / step_s), 1))
-    length = fast_length(logged.shape[1] + whitening.size)
+    length = scipy.fft.next_fast_len(logged.shape[1] + whitening.size, real=True)
     transfer = np.fft.rfft(whitening, length)
 
     def squares(of: Float[np.ndarray, "c n"]) -> Float[np.ndarray, " blocks"]:
