@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import msgspec
 import numpy as np
 
 from eivor.errors import UsageError
-from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, hash_comments, targets
+from eivor.exports.fitted import (
+    VERTICAL,
+    Exported,
+    Fitted,
+    Number,
+    Supplied,
+    hash_comments,
+    rendered,
+    targets,
+)
 from eivor.inference.verdict import Status
 from eivor.motions.vertical import model as vertical
 from eivor.signals.channels import CurveSide
@@ -27,9 +36,7 @@ class Autopilot(msgspec.Struct, frozen=True):
     not_of: tuple[str, ...]
 
 
-def _parameter_export(
-    autopilot: Autopilot, write: Callable[[Iterable[str], Mapping[str, float]], str]
-) -> Callable[[Fitted, Supplied], Exported]:
+def _parameter_export(autopilot: Autopilot, template: str) -> Callable[[Fitted, Supplied], Exported]:
     """Export of the parameters of an autopilot that a result holds, old and new in comments above them."""
 
     def export(fitted: Fitted, supplied: Supplied) -> Exported:
@@ -41,7 +48,7 @@ def _parameter_export(
         old = {name: f"{fitted.logged[name]:.6g} -> " for name in numbers if name in fitted.logged}
         lines = [f"{name}: {old.get(name, '')}{number.words}" for name, number in numbers.items()]
         values = {name: number.value for name, number in numbers.items()}
-        return Exported(write((*fitted.origin(), *lines, *unwritten), values), unwritten)
+        return Exported(rendered(template, (*fitted.origin(), *lines, *unwritten), rows=values), unwritten)
 
     return export
 
@@ -124,22 +131,6 @@ PX4 = Autopilot(
     vertical.THR_MDL_FAC,
     ("dataflash",),
 )
-#: MAVLink's type of a 32-bit float, and who is addressed: the vehicle and its autopilot.
-REAL32, VEHICLE, COMPONENT = 9, 1, 1
-HEADER = "# Vehicle-Id Component-Id Name Value Type"
-
-
-def qgroundcontrol(comments: Iterable[str], values: Mapping[str, float]) -> str:
-    """File of QGroundControl with parameters that are 32-bit floats."""
-    rows = (f"{VEHICLE}\t{COMPONENT}\t{name}\t{single(value)}\t{REAL32}" for name, value in values.items())
-    return "\n".join([*hash_comments(comments), "#", HEADER, *rows]) + "\n"
-
-
-def single(value: float) -> str:
-    """Fewest digits that give back the 32-bit float, without an exponent."""
-    return np.format_float_positional(np.float32(value), trim="0")
-
-
 #: MOT_THST_HOVER is documented from 0.2 to 0.8, and the motors' library uses no more than 0.6875 of it.
 ARDUPILOT = Autopilot(
     "ArduPilot",
@@ -147,13 +138,6 @@ ARDUPILOT = Autopilot(
     vertical.MOT_THST_EXPO,
     ("ulog",),
 )
-
-
-def mission_planner(comments: Iterable[str], values: Mapping[str, float]) -> str:
-    """File of ArduPilot; comments have lines of their own, since older readers split lines at blanks."""
-    rows = (f"{name},{single(value)}" for name, value in values.items())
-    return "\n".join([*hash_comments(comments), *rows]) + "\n"
-
 
 #: Names of the parameters that results propose.
 PARAMETERS = frozenset(item.name for pilot in (PX4, ARDUPILOT) for item in (pilot.hover, pilot.curve))
@@ -213,20 +197,19 @@ def _betaflight(fitted: Fitted, supplied: Supplied) -> Exported:
     curve = fitted.identified_number(CURVE)
     if curve is None:
         unwritten = f"thrust_linear is not written: {fitted.why_not(CURVE)} Identify with --input-map fit."
-        return Exported("\n".join(hash_comments((*fitted.origin(), unwritten))) + "\n", (unwritten,))
+        return Exported(hash_comments((*fitted.origin(), unwritten)) + "\n", (unwritten,))
     family = Mixed if isinstance(fitted.input_map, Mixed) else Power
     low, value, high = (
         thrust_linear(family(exponent)) for exponent in (curve.interval[0], curve.value, curve.interval[1])
     )
     line = f"thrust_linear: {value}, 95 % interval [{low}, {high}], of the curve {curve.words}"
-    text = [*hash_comments((*fitted.origin(), line)), f"set thrust_linear = {value}", "save"]
-    return Exported("\n".join(text) + "\n")
+    return Exported(f"{hash_comments((*fitted.origin(), line))}\nset thrust_linear = {value}\nsave\n")
 
 
 AUTOPILOTS = targets(
     {
-        "px4": _parameter_export(PX4, qgroundcontrol),
-        "ardupilot": _parameter_export(ARDUPILOT, mission_planner),
+        "px4": _parameter_export(PX4, "px4.params"),
+        "ardupilot": _parameter_export(ARDUPILOT, "ardupilot.param"),
         "betaflight": _betaflight,
     }
 )

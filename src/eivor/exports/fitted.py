@@ -6,8 +6,11 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from typing import TYPE_CHECKING
 
 import msgspec
+import numpy as np
 
 from eivor import checks
 from eivor.errors import NotIdentifiedError, UsageError
@@ -19,6 +22,9 @@ from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.signals.channels import CurveSide
 from eivor.signals.thrust_map import InputMap, input_map
 from eivor.strict_toml import package_tables
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 #: Longer strings are cut: some readers of parameters have lines of bounded length.
 LONGEST = 400
@@ -33,14 +39,39 @@ def one_line(text: str) -> str:
     return printable if len(printable) <= LONGEST else f"{printable[: LONGEST - 3]}..."
 
 
-def hash_comments(lines: Iterable[str]) -> list[str]:
+def hash_comments(lines: Iterable[str]) -> str:
     """Lines that begin with ``#``."""
-    return [f"# {one_line(line)}".rstrip() for line in lines]
+    return "\n".join(f"# {one_line(line)}".rstrip() for line in lines)
 
 
-def xml_comments(lines: Iterable[str]) -> list[str]:
+def xml_comments(lines: Iterable[str]) -> str:
     """Comments of XML, which hold no two hyphens in a row."""
-    return [f"<!-- {re.sub('-(?=-)', '- ', one_line(line)).rstrip('-')} -->" for line in lines]
+    return "\n".join(f"<!-- {re.sub('-(?=-)', '- ', one_line(line)).rstrip('-')} -->" for line in lines)
+
+
+def single(value: float) -> str:
+    """Fewest digits that give back the 32-bit float, without an exponent."""
+    return np.format_float_positional(np.float32(value), trim="0")
+
+
+@cache
+def _templates() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(  # noqa: S701 - comments are escaped as each format has them, all else are numbers
+        loader=PackageLoader("eivor.exports"),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=StrictUndefined,
+    )
+    environment.filters |= {"hash": hash_comments, "xml": xml_comments, "single": single}
+    return environment
+
+
+def rendered(file: str, comments: Iterable[str], **values: object) -> str:
+    """Text of a template."""
+    return _templates().get_template(file).render(comments=comments, **values)
 
 
 def listed(names: Sequence[str]) -> str:

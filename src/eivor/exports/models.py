@@ -20,8 +20,8 @@ from eivor.exports.fitted import (
     Fitted,
     Number,
     Supplied,
-    hash_comments,
     one_line,
+    rendered,
     targets,
 )
 from eivor.exports.vehicle import Columns, ExportOfDraws, VehicleDescription
@@ -348,7 +348,7 @@ def _arrays(spaces: Iterable[StateSpace]) -> dict[str, Any]:
 def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
     if fitted.model == vehicle.RIGID_BODY:
         craft = vehicle.describe(fitted, supplied, "CasADi", vehicle.BODY)
-        comments = hash_comments((*craft.comments, *vehicle.speed_comments(craft, "CasADi")))
+        comments = (*craft.comments, *vehicle.speed_comments(craft, "CasADi"))
         return vehicle.render("casadi.txt", craft, comments, c=asdict(vehicle.coefficients(craft)))
     if fitted.machine is not None:
         equations = _MachineEquations.of(fitted.machine, fitted, supplied, "CasADi")
@@ -356,9 +356,9 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         late = "" if delay is None else f", {delay.value:.6g} s late"
         states = [*equations.states, *(f"{name} behind its lag" for name in equations.acting)]
         remark = f"x: {', '.join(states)}; u: {', '.join(equations.inputs)}{late}."
-        comments = hash_comments((*fitted.origin(equations.numbers), remark))
+        comments = (*fitted.origin(equations.numbers), remark)
         sizes = len(states), len(equations.inputs)
-        return vehicle.render("casadi.txt", None, comments, machine=equations.formulas(), sizes=sizes)
+        return Exported(rendered("casadi.txt", comments, machine=equations.formulas(), sizes=sizes))
     identified = _vertical_numbers(fitted, supplied, "CasADi")
     drag = fitted.identified_number("quadratic_drag")
     if drag is not None:
@@ -375,8 +375,8 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         "gravity": numbers["input_gain"] * float(fitted.input_map(np.array([numbers["hover_input"]]))[0]),
     }
     lost = tuple(fitted.left_over("CasADi's function", vehicle.ELSEWHERE))
-    comments = hash_comments((*fitted.origin(identified), *lost))
-    return replace(vehicle.render("casadi.txt", None, comments, vertical=vertical), lost=lost)
+    comments = (*fitted.origin(identified), *lost)
+    return Exported(rendered("casadi.txt", comments, vertical=vertical), lost=lost)
 
 
 #: Longest name of a field in MATLAB.

@@ -12,7 +12,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.exports import vehicle
-from eivor.exports.autopilots import ARDUPILOT, AUTOPILOTS, PX4, mission_planner, qgroundcontrol
+from eivor.exports.autopilots import ARDUPILOT, AUTOPILOTS, PX4
 from eivor.exports.fitted import (
     Exported,
     Fitted,
@@ -21,7 +21,6 @@ from eivor.exports.fitted import (
     hash_comments,
     one_line,
     targets,
-    xml_comments,
 )
 from eivor.exports.models import DRAWN_MODELS, MODELS
 from eivor.exports.vehicle import REMARKS, Columns, ExportOfDraws, VehicleDescription
@@ -55,7 +54,7 @@ def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
     return vehicle.render(
         "drone-models.txt",
         craft,
-        hash_comments(comments),
+        comments,
         gravity=GRAVITY,
         arm=arm,
         thrust=rotor["thrust_constant"] * PER_MINUTE**2,
@@ -89,7 +88,7 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     return vehicle.render(
         "gazebo.sdf",
         craft,
-        xml_comments(comments),
+        comments,
         rotor=rotor,
         lags=vehicle.rotor_lags(value),
         rest=body_mass,
@@ -107,7 +106,7 @@ def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Elements to put into an existing model of PX4, whose geometry stays."""
     craft, value, rotor, comments = _describe(fitted, supplied, "a model of PX4", GAZEBO_GRAVITY)
     lags = vehicle.rotor_lags(value)
-    return vehicle.render("px4.xml", craft, xml_comments(comments), rotor=rotor, lags=lags)
+    return vehicle.render("px4.xml", craft, comments, rotor=rotor, lags=lags)
 
 
 def _point_inertia(point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
@@ -142,7 +141,7 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
     return vehicle.render(
         "isaaclab.txt",
         craft,
-        hash_comments((REMARKS["draws"], *comments)),
+        (REMARKS["draws"], *comments),
         columns=columns,
         ranges={
             name: tuple(np.quantile(column, (0.025, 0.975)).tolist()) for name, column in columns.items()
@@ -189,7 +188,7 @@ def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
     return vehicle.render(
         "mujoco.xml",
         craft,
-        xml_comments((*craft.comments, *remarks)),
+        (*craft.comments, *remarks),
         gravity=GRAVITY,
         size=size,
         fluid=fluid,
@@ -235,7 +234,7 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
     return vehicle.render(
         "pybullet.txt",
         craft,
-        hash_comments(comments),
+        comments,
         c=asdict(vehicle.coefficients(craft)) | {"thrust_quadratic": rotor["thrust_constant"]},
         hover=vehicle.manoeuvre(craft, 0.0)[0].tolist(),
         most=rotor["largest_speed"] if math.isfinite(rotor["largest_speed"]) else None,
@@ -257,7 +256,7 @@ def _urdf(fitted: Fitted, supplied: Supplied) -> Exported:
     return vehicle.render(
         "gym.urdf",
         craft,
-        xml_comments(comments),
+        comments,
         rotor=rotor,
         thrust=thrust * PER_MINUTE**2,
         torque=-craft.vehicle.spins[order[0]] * rotor["torque_constant"] * PER_MINUTE**2,
@@ -281,7 +280,7 @@ def _rotorpy(fitted: Fitted, supplied: Supplied, draws: Columns | None = None, s
         varying = {name: column for name, column in columns.items() if column.min() < column.max()}
         comments = (REMARKS["draws"], *comments)
         values |= {"draws": varying, "places": _rotor_positions(sample).tolist()}
-    return vehicle.render("rotorpy.txt", craft, hash_comments(comments), **values)
+    return vehicle.render("rotorpy.txt", craft, comments, **values)
 
 
 def _rotor_positions(craft: VehicleDescription) -> Float[np.ndarray, "n rotors 3"]:
@@ -337,7 +336,7 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         remarks.append(f"MPC_THR_HOVER is not written: {beyond}")
     else:
         values["MPC_THR_HOVER"] = hover
-    return Exported(qgroundcontrol((*craft.comments, *remarks), values), craft.omitted, craft.lost)
+    return vehicle.render("px4.params", craft, (*craft.comments, *remarks), rows=values)
 
 
 #: Tilt at which the reference speed is computed [rad], and the fastest that is searched [m/s].
@@ -400,8 +399,8 @@ def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription,
 def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
     craft, _, frame = _sitl_frame(fitted, supplied)
     # SITL reads from the first brace on: comments stand behind it
-    lines = ["{", *hash_comments((*craft.comments, *REMARKS["sitl"])), json.dumps(frame, indent=2)[2:]]
-    return Exported("\n".join(lines) + "\n", craft.omitted, craft.lost)
+    comments = hash_comments((*craft.comments, *REMARKS["sitl"]))
+    return Exported(f"{{\n{comments}\n{json.dumps(frame, indent=2)[2:]}\n", craft.omitted, craft.lost)
 
 
 def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
@@ -426,8 +425,7 @@ def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
     remarks = [f"{name} is not written: {why}" for name, why in missing.items() if why]
     remarks.append(REMARKS["sitl_parameters"])
     values = {name: value for name, value in rows.items() if not missing.get(name)}
-    text = mission_planner((*craft.comments, *remarks), values)
-    return Exported(text, craft.omitted, craft.lost)
+    return vehicle.render("ardupilot.param", craft, (*craft.comments, *remarks), rows=values)
 
 
 SIMULATORS = targets(

@@ -6,14 +6,13 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from eivor.errors import NotIdentifiedError, ParameterError, UsageError
-from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, listed
+from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, listed, rendered
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.inference.distributions import normal_quantile
 from eivor.motions.rigid_body import physical_parameters as physical
@@ -32,9 +31,6 @@ from eivor.signals.thrust_map import InputMap
 from eivor.simulation.rigid_body import STILL, runge_kutta
 from eivor.strict_toml import package_tables
 from eivor.tools import Float
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
 
 # -- Parts --
 
@@ -620,34 +616,18 @@ def _neglected(craft: VehicleDescription, target: str, lacks: tuple[str, ...]) -
 # -- Templates --
 
 
-@cache
-def _templates() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    return Environment(  # noqa: S701 - comments are escaped as each format has them, all else are numbers
-        loader=PackageLoader("eivor.exports"),
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        undefined=StrictUndefined,
-    )
-
-
-def render(file: str, craft: VehicleDescription | None, lines: Iterable[str], **values: object) -> Exported:
+def render(file: str, craft: VehicleDescription, lines: Iterable[str], **values: object) -> Exported:
     """Rendered template: every one takes the first row, rotor positions and spins, and the centre."""
-    if craft is None:
-        return Exported(_templates().get_template(file).render(comments=list(lines), **values))
     value = first_row(craft.values)
     arm = value["arm_scale"]
     values = {
-        "comments": list(lines),
         "value": value,
         "centre": [value.get(name, 0.0) for name in CENTRE],
         "dragged": drag_centre(craft),
         "positions": [(arm * x, arm * y) for x, y in craft.vehicle.positions],
         "spins": list(craft.vehicle.spins),
     } | values
-    return Exported(_templates().get_template(file).render(values), craft.omitted, craft.lost)
+    return Exported(rendered(file, lines, **values), craft.omitted, craft.lost)
 
 
 #: What writes a file of draws, of their columns and seed, for those who train or test on many vehicles.
