@@ -566,8 +566,8 @@ class ProfileSets:
         instruments: Float[np.ndarray, "p q"],
     ) -> Criterion:
         """J of some rows, regressors and combinations of instruments."""
-        parts, theta = [part for first, part in self._sums if rows[first]], self.estimate.theta
-        products = reduce(NuisanceProducts.joined, parts)
+        parts = [part for first, part in self._sums if rows[first : first + 1].any()]  # one may lack bins
+        products, theta = reduce(NuisanceProducts.joined, parts), self.estimate.theta
         products = products.combined(about(theta)[:, [0, *(1 + regressors)]], instruments)
         count = np.count_nonzero(rows) * self.estimate.rows.layout.independent
         member = PoolMember(self._weights, theta[regressors], products, count)

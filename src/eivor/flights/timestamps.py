@@ -96,8 +96,8 @@ def has_jitter(channel: Channel) -> bool:
     steps = np.diff(channel.time_s)
     if steps.size < FEWEST_SAMPLES:
         return False
-    median = float(np.median(steps))
-    return float(np.std(steps[steps <= UNEVEN_PAUSE * median])) > EVEN_SHARE * median
+    steps = steps[steps <= UNEVEN_PAUSE * np.median(steps)] / np.median(steps)
+    return float(np.std(steps - np.maximum(np.rint(steps), 1.0))) > EVEN_SHARE  # lost rows are whole steps
 
 
 def truth_of(result: Iterable[tuple[float, float]]) -> bool | None:

@@ -12,6 +12,8 @@ from scipy import stats
 
 import eivor as ev
 from coarse_search import coarse
+from eivor.estimation.methods import identify, reference_iv
+from eivor.estimation.profile_sets import ProfileSets
 from eivor.flights.lag_prior import LagPrior
 from eivor.flights.motion import for_flights, of_vehicle
 from eivor.flights.prepare import prepare
@@ -398,9 +400,7 @@ def test_every_quantity_is_worded_and_in_the_order_of_results(fit):
 
 def test_an_input_of_zero_says_nothing_of_its_variation():
     log = ev.example_flight()
-    off = {
-        item.name: replace(item, values=np.zeros_like(item.values)) for item in log.family("rotor_command")
-    }
+    off = {item.name: replace(item, values=0.0 * item.values) for item in log.family("rotor_command")}
     idle = replace(log, channels={**log.channels, **off, "landed": replace(off["rotor_command_1"])})
     flight = prepare(idle, Vertical(), ev.FlightOptions())
     assert flight.runs
@@ -411,8 +411,12 @@ def test_lag_and_delay_have_profile_sets_and_their_sum_is_known_best(fit):
     lag, delay, both = (fit.quantities[name] for name in ("actuator_lag", "delay", "effective_lag"))
     assert both.value == pytest.approx(lag.value + delay.value)
     assert both.half_width <= lag.half_width
-    for item in (lag, delay, both):
-        assert item.interval[0] <= item.value <= item.interval[1]
+    assert all(item.interval[0] <= item.value <= item.interval[1] for item in (lag, delay, both))
+    # another run, of .2 s, has no bin in the band
+    (columns,), (run,) = fit.fit.problem.columns, fit.fit.problem.columns[0].runs
+    runs = slice(run.start, run.stop - 40), slice(run.stop - 20, run.stop)
+    problem = replace(fit.fit.problem, columns=(replace(columns, runs=runs),))
+    assert ProfileSets(problem, identify(problem, reference_iv())).of_nuisances(["delay"]).profile.intervals
 
 
 RADIUS = 0.2
@@ -424,9 +428,7 @@ def flight(lowest, *, on_ground=True):
     over = height.values - height.values.min() + lowest
     before = np.full(200 if on_ground else 0, 0.0)
     time = height.time_s[0] - 0.01 * np.arange(before.size, 0, -1)
-    changed = replace(
-        height, time_s=np.concatenate([time, height.time_s]), values=np.concatenate([before, over])
-    )
+    changed = replace(height, time_s=np.append(time, height.time_s), values=np.append(before, over))
     log = replace(log, channels={**log.channels, "position_z": changed})
     return prepare(log, Vertical(), ev.FlightOptions())
 
