@@ -45,10 +45,11 @@ def outside(page, origin):
     return [url for url in page.asked if not url.startswith((f"{origin}/", "data:"))]
 
 
+needs_site = pytest.mark.skipif(not SITE, reason="EIVOR_SITE is to name what mkdocs build --site-dir makes")
+
+
 @pytest.mark.thorough
-@pytest.mark.skipif(
-    not SITE, reason="EIVOR_SITE names no documentation: mkdocs build --site-dir FOLDER makes it"
-)
+@needs_site
 def test_every_page_from_disk(watched):
     """Nothing is asked of a network, nothing is missing, and every equation is drawn."""
     page = watched("about:blank", offline=True)
@@ -67,9 +68,7 @@ def test_every_page_from_disk(watched):
 
 
 @pytest.mark.thorough
-@pytest.mark.skipif(
-    not SITE, reason="EIVOR_SITE names no documentation: mkdocs build --site-dir FOLDER makes it"
-)
+@needs_site
 def test_search_from_disk(watched):
     page = watched("about:blank", offline=True)
     page.goto((Path(SITE) / "studies" / "coverage.html").as_uri())

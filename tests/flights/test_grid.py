@@ -451,6 +451,16 @@ def test_what_is_not_logged_becomes_a_finding(still_log, missing, finding):
     assert prepared.rates_hz["acceleration"] == pytest.approx(rate_hz)
 
 
+def test_an_accelerometer_at_its_limit_is_left_out(still_log):
+    quick = GRAVITY + 3.0 * np.sin(3.0 * still_log.channels["specific_force_z"].time_s)
+    for force, clipped in ((quick, False), (np.minimum(quick, 12.0), True), (np.round(quick), False)):
+        names = [
+            item.name
+            for item in prepare_vertical(changed(still_log, specific_force_z=force), FlightOptions()).findings
+        ]
+        assert ("clipped_accelerometer" in names) is clipped
+
+
 def test_commands_come_before_measured_speeds_before_inputs(still_log):
     steady = np.full(2000, 0.5)
     everything = changed(still_log, rotor_speed_1=steady, input=steady)

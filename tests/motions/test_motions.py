@@ -419,6 +419,16 @@ def test_any_axis_may_be_missing(log, missing, without, left):
 
 
 @pytest.mark.thorough
+def test_a_rate_at_the_limit_of_its_gyroscope_is_left_out(log):
+    rate = log.channels["angular_rate_x"]
+    clipped = np.minimum(rate.values, np.quantile(rate.values, 0.98))
+    flight = ev.identify_flight(changed(log, angular_rate_x=replace(rate, values=clipped)), model="rates")
+    assert "roll_effectiveness" not in flight.quantities
+    assert flight.quantities["pitch_effectiveness"].verdict is ev.Status.IDENTIFIED
+    assert any("2.0% of its samples" in f.sentence for f in flight.findings if f.name == "clipped_gyroscope")
+
+
+@pytest.mark.thorough
 def test_an_attitude_that_a_loop_computes_is_provisional(log):
     names = [f"reference_{axis}" for axis in AXES]
     answering = {f"feedback_{name}": replace(log.channels[name], name=f"feedback_{name}") for name in names}

@@ -77,6 +77,8 @@ def utc_time(seconds: float) -> datetime | None:
 
 #: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].
 SILENCE_S = 10.0
+#: Least share of a sensor's values at a limit of its range that is no coincidence.
+LIMITED_SHARE = 0.001
 #: Entry of `Recording.parameters` of simulated flights: rate of the controller's commands [Hz].
 CONTROLLER_RATE = "controller_rate_hz"
 #: Words of `Recording.vehicle`: rotors alone, rotors whose blades turn, and wings too.
@@ -151,6 +153,27 @@ class Channel:
         gaps = self.gaps()
         logged = float(self.time_s[-1] - self.time_s[0]) - sum(end - start for start, end in gaps)
         return float((self.time_s.size - 1 - len(gaps)) / logged)
+
+    @property
+    def limited_share(self) -> float:
+        """Share of the values at a limit of the sensor's range; 0 below `LIMITED_SHARE`.
+
+        A limit is an extreme that is reached five times or more, and more often than neared.
+        """
+        shares = [0.0]
+        for series in (self.values[np.isfinite(self.values)] * sign for sign in (1.0, -1.0)):
+            extreme = series.max(initial=-np.inf)
+            at = series == extreme
+            if (np.diff(np.flatnonzero(at)) > 1).sum() >= 4:
+                levels = np.unique(series)[-3:]  # the next two, where steps of the sensor are coarse
+                near = series >= min(levels[0], extreme - 0.1 * (extreme - float(np.median(series))))
+                if levels.size == 3 and 2 * at.sum() > near.sum():
+                    shares.append(float(at.mean()))
+        return max(shares) if max(shares) >= LIMITED_SHARE else 0.0
+
+    def at_limit(self) -> str:
+        """Say how often values are at a limit."""
+        return f"Channel {self.name} is at a limit of its range in {self.limited_share:.1%} of its samples"
 
     def silences(self) -> list[tuple[float, float]]:
         """Gaps [s] that are longer than `SILENCE_S`."""

@@ -136,16 +136,18 @@ def selected(log: Recording, options: FlightOptions, offered: tuple[Axis, ...]) 
     family, _ = chosen_input(log, TABLES.channels.inputs, options.input, remedy=remedy)
     if family.name != TORQUE:
         raise UsageError(f"the input {TORQUE} for turning", f"'{options.input}'", "Leave --input out.")
-    axes = [axis for axis in offered if axis.torque in log.channels and axis.rate in log.channels]
+    logged = [axis for axis in offered if axis.torque in log.channels and axis.rate in log.channels]
+    axes = [axis for axis in logged if not log.channel(axis.rate).limited_share]
     if not axes:
         needed = " or ".join(f"{axis.torque} with {axis.rate}" for axis in offered)
-        remedy = "Log torque setpoint and rate of an axis."
-        raise MissingChannelError(f"{needed} in {log.name}", "a log without", remedy)
+        received = "rates at a limit of the gyroscope's range" if logged else "a log without"
+        remedy = "Log torque setpoint and rate of an axis, within the range of the gyroscope."
+        raise MissingChannelError(f"{needed} in {log.name}", received, remedy)
     rates = {axis.name: log.channel(axis.rate) for axis in axes}
     for rate in rates.values():
         refuse_degrees(rate, log)
     slowest = min(rate.rate_hz for rate in rates.values())
-    missing = [axis.name for axis in offered if axis not in axes]
+    missing = [axis.name for axis in offered if axis not in logged]
     looked_at = f"{' and '.join(axis.name for axis in axes)} {'is' if len(axes) == 1 else 'are'} looked at"
     return Selection(
         family,
@@ -157,6 +159,11 @@ def selected(log: Recording, options: FlightOptions, offered: tuple[Axis, ...]) 
         findings=tuple(
             Finding(f"no_{name}", f"Torque setpoint or rate of {name} is not logged: {looked_at} alone.")
             for name in missing
+        )
+        + tuple(
+            Finding("clipped_gyroscope", f"{log.channel(axis.rate).at_limit()}: {looked_at} alone.")
+            for axis in logged
+            if axis not in axes
         ),
         issued_within_s=float(np.median(np.diff(rates[axes[0].name].time_s))),  # once a rate, or oftener
         rate_parameter=RATE_PARAMETER,

@@ -128,6 +128,11 @@ def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, lis
         turned = rotated(body, row)
         if turned is not None and (force is None or turned.rate_hz > force.rate_hz):
             force = turned
+    limited = [channel for channel in (force, *body) if channel is not None and channel.limited_share]
+    if limited:
+        stops = f"{limited[0].at_limit()}: only the velocity's derivative is used."
+        findings.append(Finding("clipped_accelerometer", stops))
+        return None, tilt, findings
     if force is None:
         why = "No accelerometer is logged"
         if row is None and any(body):
