@@ -105,11 +105,11 @@ class Signals:
         return self.channels[name]
 
     def family(self, name: str) -> Float[np.ndarray, "n members"]:
-        """Channels of a family as columns, see `family_members`; none gives zero columns."""
+        """Channels of a family as columns, each in one piece, see `family_members`; none gives zero columns."""
         members = family_members(name, self.channels)
         if not members:
             return np.empty((self.sample_count, 0))
-        return np.stack([self.channels[member] for member in members], axis=1)
+        return np.stack([self.channels[member] for member in members]).T
 
 
 def stretches(mask: Bool[np.ndarray, " n"]) -> list[slice]:

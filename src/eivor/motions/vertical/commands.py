@@ -56,6 +56,7 @@ def _gains(flight: PreparedFlight, limits: Sequence[CommandLimit]) -> Float[np.n
         """Acceleration; then velocity, thrust behind lags and delays, and its powers for other maps."""
         if curve == Power():
             commands = commands.mean(axis=1, keepdims=True)  # what is linear answers to the mean
+        commands = np.asfortranarray(commands)
         states = [actuator_state(commands, step_s=step_s, lag_s=lag_s, delay_s=0.0) for lag_s in LAGS_S]
         thrusts = [curve(state).mean(axis=1) * tilt for state in states]
         middle = thrusts[len(LAGS_S) // 2]
