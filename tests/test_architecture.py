@@ -18,6 +18,7 @@ import pytest
 
 import eivor
 import eivor.errors
+from eivor.logs.common import COUNTS, FINDINGS
 from validation.house import architecture, project
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -134,6 +135,12 @@ def test_counts_of_the_house_are_bounded():
     bounds = BOUNDS | PROJECT_BOUNDS
     exceeded = {name: counted[name] for name, most in bounds.items() if counted[name] > most}
     assert not exceeded, f"Expected less; received {exceeded}."
+
+
+def test_every_finding_of_a_reader_has_its_sentence():
+    files = (ROOT / "src" / "eivor" / "logs").rglob("*.py")
+    text = "".join(file.read_text(encoding="utf-8") for file in files)
+    assert {*re.findall(r'noted\(\s*"(\w+)"', text), *COUNTS} == {*FINDINGS}
 
 
 #: Words that say nothing of what a value is.

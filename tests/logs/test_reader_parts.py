@@ -171,11 +171,6 @@ def test_every_source_and_every_advice_names_a_channel():
     assert "stateEstimate.z, .vz" in log_format("crazyflie").advice("")[0]
 
 
-def test_advice_names_the_bits():
-    assert "LOG_BITMASK" in log_format("dataflash").advice("")[0]
-    assert "IMU_FAST" in log_format("dataflash").advice("specific_force_body_z")[0]
-
-
 def all_messages(path):
     """All messages of a log, by name."""
     with path.open("rb") as stream:
@@ -291,21 +286,16 @@ def test_channels_of_several_clocks_read_back_the_same(whole, tmp_path):
 START = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
 
-@pytest.mark.parametrize(
-    ("number", "text"),
-    [(0x010F01FF, "1.15.1"), (0x010F0080, "1.15.0 beta"), (0x01100000, "1.16.0 development")],
-)
-def test_versions_of_px4(number, text):
-    about = {"sys_name": b"PX4", "ver_sw_release": number.to_bytes(4, "little")}
-    assert ulog_origin(about, {}, np.uint64(0), {}).firmware == f"PX4 {text}"
+def test_versions_of_px4():
+    versions = {0x010F01FF: "1.15.1", 0x010F0080: "1.15.0 beta", 0x01100000: "1.16.0 development"}
+    for number, text in versions.items():
+        about = {"sys_name": b"PX4", "ver_sw_release": number.to_bytes(4, "little")}
+        assert ulog_origin(about, {}, np.uint64(0), {}).firmware == f"PX4 {text}"
 
 
-@pytest.mark.parametrize(
-    ("seconds", "start"),
-    [(START.timestamp(), START), (0.0, None), (12.5, None), (1e12, None), (1e30, None), (float("nan"), None)],
-)
-def test_clocks_that_were_never_set_tell_no_time(seconds, start):
-    assert utc_time(seconds) == start
+def test_clocks_that_were_never_set_tell_no_time():
+    assert utc_time(START.timestamp()) == START
+    assert [utc_time(seconds) for seconds in (0.0, 12.5, 1e12, 1e30, float("nan"))] == [None] * 5
 
 
 @pytest.mark.thorough
@@ -317,6 +307,8 @@ def test_a_written_recording_keeps_its_origin(tmp_path):
 
 
 def test_advice():
+    assert "LOG_BITMASK" in log_format("dataflash").advice("")[0]
+    assert "IMU_FAST" in log_format("dataflash").advice("specific_force_body_z")[0]
     assert any("SDLOG_PROFILE" in sentence for sentence in log_format("ulog").advice(""))
     assert "bit 4 (high rate)" in log_format("ulog").advice("input")[0]
     assert "10 Hz." in log_format("ulog").advice("velocity_z")[0]

@@ -181,7 +181,8 @@ def findings_of(
     )
 
 
-_COUNTS: Mapping[str, Callable[[ChannelQuality], int]] = {
+#: What is counted of each channel, by the key of its finding.
+COUNTS: Mapping[str, Callable[[ChannelQuality], int]] = {
     "missing_values": lambda q: q.missing_values,
     "overflow": lambda q: q.overflowed,
     "saturation": lambda q: q.saturated,
@@ -192,7 +193,7 @@ _COUNTS: Mapping[str, Callable[[ChannelQuality], int]] = {
 
 def _count_findings(qualities: Mapping[str, ChannelQuality]) -> list[Finding]:
     findings = []
-    for name, count in _COUNTS.items():
+    for name, count in COUNTS.items():
         concerned = [
             f"{key} {count(quality)}"
             for key, quality in qualities.items()
