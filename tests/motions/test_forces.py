@@ -331,15 +331,8 @@ def test_template_is_a_vehicle_with_every_key(tmp_path):
     assert vehicles.load_vehicle(path).arm_scale == vehicles.KnownNumber(1.0, 0.01)
 
 
-TWO_ROTORS = vehicles.Rotors(
-    positions=((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)),
-    spins=(1, -1),
-    highest_speed=1000.0,
-    thrust_quadratic=1e-5,
-    torque_ratio=0.02,
-    lag_up=0.05,
-    lag_down=0.05,
-)
+COEFFICIENTS = {"thrust_quadratic": 1e-5, "torque_ratio": 0.02, "lag_up": 0.05, "lag_down": 0.05}
+TWO_ROTORS = vehicles.Rotors(((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)), (1, -1), 1000.0, **COEFFICIENTS)
 TWO_ROTORED = vehicles.Vehicle(1.0, (0.01, 0.02, 0.025), TWO_ROTORS)
 
 

@@ -415,8 +415,8 @@ def test_any_axis_may_be_missing_or_at_the_limit_of_its_gyroscope(log, missing, 
     rate = log.channels[f"angular_rate_{missing[-1]}"]
     clipped = replace(rate, values=np.minimum(rate.values, np.quantile(rate.values, 0.98)))
     logs = {f"no_{without}": changed(log, missing), "clipped_gyroscope": changed(log, **{rate.name: clipped})}
-    for name, turned in logs.items():
-        flight = ev.identify_flight(turned, model="rates")
+    for name, other in logs.items():
+        flight = ev.identify_flight(other, model="rates")
         assert f"{without}_effectiveness" not in flight.quantities
         assert flight.quantities[f"{left}_effectiveness"].verdict is ev.Status.IDENTIFIED
         assert any(finding.name == name for finding in flight.findings)

@@ -46,8 +46,7 @@ class Arma(excitation.Disturbance):
     autoregression: Annotated[tuple[float, ...], (finite, "coefficient of autoregression")] = ()
     moving_average: Annotated[tuple[float, ...], (finite, "coefficient of moving_average")] = ()
 
-    def __post_init__(self) -> None:
-        excitation.Disturbance.__post_init__(self)
+    def _check(self) -> None:
         root = excitation.largest_root(np.array(self.autoregression))
         require(
             root < 1.0,
@@ -83,8 +82,7 @@ class TimeVaryingArma(excitation.Disturbance):
     autoregression: tuple[CoefficientCourse, ...] = ()
     moving_average: tuple[CoefficientCourse, ...] = ()
 
-    def __post_init__(self) -> None:
-        excitation.Disturbance.__post_init__(self)
+    def _check(self) -> None:
         courses = self._coefficients(self.autoregression, CHECKED)
         root = max((excitation.largest_root(row) for row in courses), default=0.0)
         expected = "an autoregression that is stationary at every time of the record"
@@ -112,8 +110,7 @@ class RandomCoefficientMovingAverage(excitation.Disturbance):
     stds: Annotated[tuple[float, ...], (non_negative, "std of a coefficient")] = (1.0, 1.0)
     std: excitation.Size = 1.0  # Standard deviation of w, in the unit of the equation
 
-    def __post_init__(self) -> None:
-        excitation.Disturbance.__post_init__(self)
+    def _check(self) -> None:
         excitation.equally_many("means", self.means, "stds", self.stds)
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
@@ -145,8 +142,7 @@ class Sinusoids(excitation.Disturbance):
     # At the first sample [rad]; zero when left out
     phases: Annotated[tuple[float, ...], (finite, "phase")] = ()
 
-    def __post_init__(self) -> None:
-        excitation.Disturbance.__post_init__(self)
+    def _check(self) -> None:
         excitation.equally_many("amplitudes", self.amplitudes, "frequencies", self.frequencies)
         if self.phases:
             excitation.equally_many("amplitudes", self.amplitudes, "phases", self.phases)
@@ -171,8 +167,7 @@ class BoundedAdversary(excitation.Disturbance):
     shortest_s: excitation.Positive
     high_share: float = 0.5  # Share of each period that is spent at the upper bound, from 0 to 1
 
-    def __post_init__(self) -> None:
-        excitation.Disturbance.__post_init__(self)
+    def _check(self) -> None:
         received = f"shortest_s={self.shortest_s}, longest_s={self.longest_s}"
         require(self.shortest_s <= self.longest_s, "a shortest_s up to longest_s", received)
         require(0.0 <= self.high_share <= 1.0, "a high_share from 0 to 1", f"high_share={self.high_share}")
@@ -243,8 +238,7 @@ class ThresholdMovingAverage(excitation.Disturbance):
     delay: int = 1  # Samples back to the value that chooses the regime, one or more
     std: excitation.Size = 1.0  # Standard deviation of the shocks w, in the unit of the equation
 
-    def __post_init__(self) -> None:
-        excitation.Disturbance.__post_init__(self)
+    def _check(self) -> None:
         ascending = all(a < b for a, b in zip(self.thresholds, self.thresholds[1:], strict=False))
         require(ascending, "ascending thresholds", f"thresholds={self.thresholds}")
         expected = f"coefficients of {len(self.thresholds) + 1} regimes, one more than thresholds"
@@ -299,8 +293,7 @@ class Bilinear(excitation.Disturbance):
     terms: Annotated[tuple[BilinearTerm, ...], given]  # One or more
     std: excitation.Size = 1.0  # Standard deviation of the shocks w, in the unit of the equation
 
-    def __post_init__(self) -> None:
-        excitation.Disturbance.__post_init__(self)
+    def _check(self) -> None:
         expected = "std times the sum of the coefficients' sizes below one, so that the series is stationary"
         require(self._growth < 1.0, expected, f"{self._growth**0.5:.4g}", "Make some of them smaller.")
 
@@ -335,8 +328,7 @@ class Garch(excitation.Disturbance):
     # Squares beyond it count as it, which keeps a heavy-tailed series finite
     largest_square: float | None = None
 
-    def __post_init__(self) -> None:
-        excitation.Disturbance.__post_init__(self)
+    def _check(self) -> None:
         if self.largest_square is not None:
             positive("largest_square", self.largest_square)
         total = sum(self.shocks) + sum(self.persistence)
@@ -367,8 +359,7 @@ class VarianceSwitch(excitation.Disturbance):
     factor: excitation.Size = 10.0  # Of the variance, afterwards
     at: excitation.Finite = 0.5  # When, as a share of the record, from 0 to 1
 
-    def __post_init__(self) -> None:
-        excitation.Disturbance.__post_init__(self)
+    def _check(self) -> None:
         require(0.0 <= self.at <= 1.0, "a share of the record from 0 to 1", f"at={self.at}")
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:

@@ -525,7 +525,7 @@ def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
         (LOITER, RELATIVE, [0.0, 0.0, 0.0, None, *position, plan.limits.middle_m]),
     ]
     items = [_item(number, *command) for number, command in enumerate(commands, start=1)]
-    document = json.loads(_program("mission.json"))
+    document = json.loads(_text("mission.json"))
     document["mission"] |= {"plannedHomePosition": [*position, 0.0], "items": items}
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
@@ -555,37 +555,22 @@ def sampled(plan: FlightPlan, rate_hz: float) -> Float[np.ndarray, "n 4"]:
 
 
 OFFBOARD_RATE_HZ = 20.0
-#: Line of the program in whose place the numbers stand.
-MARK = "# -- numbers --\n"
-#: Least charge of the battery before the flight, and during it [%].
-BATTERY_BEFORE, BATTERY_DURING = 50.0, 30.0
 
 
 def mavsdk_text(plan: FlightPlan) -> str:
     """Text of a Python program for MAVSDK-Python 3."""
-    rows = sampled(plan, OFFBOARD_RATE_HZ)
-    limits = plan.limits
-    numbers = {
-        "LOWEST_M": limits.height_m[0],
-        "HIGHEST_M": limits.height_m[1],
-        "MIDDLE_M": limits.middle_m,
-        "NEAR_MIDDLE_M": min(0.5, 0.25 * (limits.height_m[1] - limits.height_m[0]) * 0.5),
-        "FASTEST_M_S": limits.speed,
-        "TILT_DEG": limits.tilt_deg,
-        "BATTERY_BEFORE_PERCENT": BATTERY_BEFORE,
-        "BATTERY_DURING_PERCENT": BATTERY_DURING,
-    }
-    lines = [f"{name} = {float(value)!r}" for name, value in numbers.items()]
-    lines.append("SETPOINTS = (")
-    for time, height, velocity, acceleration in rows.tolist():
-        offset = height - limits.middle_m
-        lines.append(f"    ({time:.2f}, {offset:.4f}, {velocity:.4f}, {acceleration:.4f}),")
-    lines.append(")")
-    return _program("fly_plan.txt", "\n".join(lines) + "\n")
+    return _program("fly_plan.txt", limits=plan.limits, rows=sampled(plan, OFFBOARD_RATE_HZ).tolist())
 
 
-def _program(file: str, numbers: str = "") -> str:
-    return files("eivor.planning").joinpath(file).read_text(encoding="utf-8").replace(MARK, numbers)
+def _text(file: str) -> str:
+    return files("eivor.planning").joinpath(file).read_text(encoding="utf-8")
+
+
+def _program(file: str, **numbers: object) -> str:
+    """Program with numbers in it."""
+    from jinja2 import Template
+
+    return Template(_text(file), keep_trailing_newline=True, trim_blocks=True).render(numbers)
 
 
 COLUMNS = ("time", "reference_position_z", "reference_velocity_z", "reference_acceleration_z")
@@ -604,9 +589,7 @@ def _csv(names: Sequence[str], columns: Float[np.ndarray, "n k"], digits: int) -
 
 def rotorpy_text(plan: FlightPlan) -> str:
     """Text of a Python module with the class `PlannedFlight`."""
-    rows = sampled(plan, TABLE_RATE_HZ).tolist()
-    numbers = "".join(f"        [{', '.join(f'{value:.5g}' for value in row)}],\n" for row in rows)
-    return _program("trajectory.txt", numbers)
+    return _program("trajectory.txt", rows=sampled(plan, TABLE_RATE_HZ).tolist())
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,10 @@ class Excitation(ABC):
 
     def __post_init__(self) -> None:
         in_ranges(self)
+        self._check()
+
+    def _check(self) -> None:  # noqa: B027 - most have nothing to refuse
+        """Refuse what ranges cannot say."""
 
     @abstractmethod
     def sample(self, count: int, step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
@@ -85,8 +89,7 @@ class RandomSteps(Excitation):
     shortest_s: Positive = 0.5  # Between these, each level's time is drawn [s]
     longest_s: Finite = 1.5
 
-    def __post_init__(self) -> None:
-        Excitation.__post_init__(self)
+    def _check(self) -> None:
         received = f"shortest_s={self.shortest_s}, longest_s={self.longest_s}"
         require(self.shortest_s <= self.longest_s, "a shortest_s up to longest_s", received)
 
@@ -132,8 +135,7 @@ class _Band(Excitation):
     low_hz: float
     high_hz: float
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         received = f"low_hz={self.low_hz}, high_hz={self.high_hz}"
         require(self.low_hz <= self.high_hz, "a low_hz up to high_hz", received)
 
@@ -238,8 +240,7 @@ class PseudoRandomBinary(Excitation):
     register: int = 10  # Stages of the shift register, 2 to 16; the period is 2^register - 1 values
     hold: int = 1  # Samples for which each value is held
 
-    def __post_init__(self) -> None:
-        Excitation.__post_init__(self)
+    def _check(self) -> None:
         low, high = min(_TAPS), max(_TAPS)
         expected = f"a register of {low} to {high} stages"
         require(low <= self.register <= high, expected, f"register={self.register}")
