@@ -122,7 +122,7 @@ class AxisColumns:
         """Samples of a run that count; None for all."""
         return None if self.valid is None or self.valid[run].all() else self.valid[run]
 
-    def cut(self, columns: Float[np.ndarray, "n *k"]) -> list[Float[np.ndarray, "_ *k"]]:
+    def cut(self, columns: np.ndarray) -> list[np.ndarray]:
         """Rows of each run that count."""
         counted = ((run, self.counted(run)) for run in self.runs)
         return [columns[run] if inside is None else columns[run][inside] for run, inside in counted]
