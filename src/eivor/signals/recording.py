@@ -155,25 +155,24 @@ class Channel:
         return float((self.time_s.size - 1 - len(gaps)) / logged)
 
     @property
-    def limited_share(self) -> float:
-        """Share of the values at a limit of the sensor's range; 0 below `LIMITED_SHARE`.
+    def limited(self) -> Bool[np.ndarray, " n"]:
+        """Values at a limit of the sensor's range; none below `LIMITED_SHARE` of them.
 
-        A limit is an extreme that is reached five times or more, and more often than neared.
+        A limit is an extreme that is reached five times or more, and more often than neared; ranges are even.
         """
-        shares = [0.0]
-        for series in (self.values[np.isfinite(self.values)] * sign for sign in (1.0, -1.0)):
-            extreme = series.max(initial=-np.inf)
-            at = series == extreme
-            if (np.diff(np.flatnonzero(at)) > 1).sum() >= 4:
-                levels = np.unique(series)[-3:]  # the next two, where steps of the sensor are coarse
+        limited, known = np.zeros(self.values.size, dtype=np.bool_), self.values[np.isfinite(self.values)]
+        for series in (known, -known):
+            at = series == (extreme := series.max(initial=-np.inf))
+            if extreme > 0.0 and (np.diff(np.flatnonzero(at)) > 1).sum() >= 4:
+                levels = np.unique(series)[-3:]  # the next two, where steps are coarse
                 near = series >= min(levels[0], extreme - 0.1 * (extreme - float(np.median(series))))
                 if levels.size == 3 and 2 * at.sum() > near.sum():
-                    shares.append(float(at.mean()))
-        return max(shares) if max(shares) >= LIMITED_SHARE else 0.0
+                    limited |= np.abs(self.values) > 0.999 * extreme
+        return limited & (limited.sum() >= LIMITED_SHARE * limited.size)
 
     def at_limit(self) -> str:
         """Say how often values are at a limit."""
-        return f"Channel {self.name} is at a limit of its range in {self.limited_share:.1%} of its samples"
+        return f"Channel {self.name} is at a limit of its range in {self.limited.mean():.1%} of its samples"
 
     def silences(self) -> list[tuple[float, float]]:
         """Gaps [s] that are longer than `SILENCE_S`."""

@@ -30,7 +30,7 @@ from eivor.models.separable import AT_END, InstrumentRule, LaggedReferences, War
 from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, equation_prediction, simple_models
 from eivor.signals.filters import actuator_state, integrated
 from eivor.signals.recording import GRAVITY, HELICOPTER, Channel, Finding, Recording
-from eivor.tools import Float
+from eivor.tools import Bool, Float
 
 TABLES = motion_tables("eivor.motions.rates")
 QUANTITIES = quantity.QuantityTable(TABLES.quantities)
@@ -136,18 +136,16 @@ def selected(log: Recording, options: FlightOptions, offered: tuple[Axis, ...]) 
     family, _ = chosen_input(log, TABLES.channels.inputs, options.input, remedy=remedy)
     if family.name != TORQUE:
         raise UsageError(f"the input {TORQUE} for turning", f"'{options.input}'", "Leave --input out.")
-    logged = [axis for axis in offered if axis.torque in log.channels and axis.rate in log.channels]
-    axes = [axis for axis in logged if not log.channel(axis.rate).limited_share]
+    axes = [axis for axis in offered if axis.torque in log.channels and axis.rate in log.channels]
     if not axes:
         needed = " or ".join(f"{axis.torque} with {axis.rate}" for axis in offered)
-        received = "rates at a limit of the gyroscope's range" if logged else "a log without"
-        remedy = "Log torque setpoint and rate of an axis, within the range of the gyroscope."
-        raise MissingChannelError(f"{needed} in {log.name}", received, remedy)
+        remedy = "Log torque setpoint and rate of an axis."
+        raise MissingChannelError(f"{needed} in {log.name}", "a log without", remedy)
     rates = {axis.name: log.channel(axis.rate) for axis in axes}
     for rate in rates.values():
         refuse_degrees(rate, log)
     slowest = min(rate.rate_hz for rate in rates.values())
-    missing = [axis.name for axis in offered if axis not in logged]
+    missing = [axis.name for axis in offered if axis not in axes]
     looked_at = f"{' and '.join(axis.name for axis in axes)} {'is' if len(axes) == 1 else 'are'} looked at"
     return Selection(
         family,
@@ -160,11 +158,7 @@ def selected(log: Recording, options: FlightOptions, offered: tuple[Axis, ...]) 
             Finding(f"no_{name}", f"Torque setpoint or rate of {name} is not logged: {looked_at} alone.")
             for name in missing
         )
-        + tuple(
-            Finding("clipped_gyroscope", f"{log.channel(axis.rate).at_limit()}: {looked_at} alone.")
-            for axis in logged
-            if axis not in axes
-        ),
+        + limits(log),
         issued_within_s=float(np.median(np.diff(rates[axes[0].name].time_s))),  # once a rate, or oftener
         rate_parameter=RATE_PARAMETER,
         step_s=FINE_STEP_S if slowest >= FINE_FROM_HZ else STEP_S,
@@ -205,14 +199,38 @@ def refuse_degrees(rate: Channel, log: Recording) -> None:
         raise InputError(expected, received, 'State the unit in a channel map (unit = "deg/s").')
 
 
+#: What lies so close to a sample at a limit of the gyroscope's range does not count [s].
+LIMIT_MARGIN_S = 0.02
+
+
+def rates_of(log: Recording) -> list[Channel]:
+    """Rates that are logged."""
+    return [log.channels[axis.rate] for axis in AXES if axis.rate in log.channels]
+
+
+def limits(log: Recording) -> tuple[Finding, ...]:
+    """Rates at a limit of the gyroscope's range."""
+    limited = [rate for rate in rates_of(log) if rate.limited.any()]
+    return tuple(Finding("clipped_gyroscope", f"{rate.at_limit()}, which do not count.") for rate in limited)
+
+
+def within_range(log: Recording, grid: Grid) -> Bool[np.ndarray, " n"] | None:
+    """Samples away from limits of the gyroscope's range; None for all."""
+    times = np.sort(np.concatenate([rate.time_s[rate.limited] for rate in rates_of(log)]))
+    if not times.size:
+        return None
+    after = np.searchsorted(times, grid.time_s - LIMIT_MARGIN_S)
+    return np.append(times, np.inf)[after] > grid.time_s + LIMIT_MARGIN_S
+
+
 def active(log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /) -> Active:
     """Samples in the air: torque setpoints do not identify, so by the land detector."""
     members = next((members for family in LEVELS if (members := log.family(family))), [])
     if not members and "landed" not in log.channels:
         why = "nothing: neither a land detector nor thrust is logged"
-        return Active(np.ones(grid.count, dtype=np.bool_), why)
+        return Active(np.ones(grid.count, dtype=np.bool_), why, within_range(log, grid))
     levels = [on_grid(member, grid)[0] for member in members] or [np.ones(grid.count)]
-    return airborne_by_log(log, grid, np.mean(levels, axis=0))
+    return replace(airborne_by_log(log, grid, np.mean(levels, axis=0)), counted=within_range(log, grid))
 
 
 #: What that does to an effectiveness, as a share of it, and to the lag [s].

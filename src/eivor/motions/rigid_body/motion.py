@@ -25,7 +25,15 @@ from eivor.inference.distributions import normal_quantile
 from eivor.models.lagged_runs import ACTUATOR_LAG, ASYMMETRIES, ASYMMETRY, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import AxisEquation, DeclaredMotion, simple_models
-from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, excitation, rate_panel, refuse_degrees
+from eivor.motions.rates.motion import (
+    AXES,
+    RATE_PARAMETER,
+    active,
+    excitation,
+    limits,
+    rate_panel,
+    refuse_degrees,
+)
 from eivor.motions.rigid_body import regression, verdict
 from eivor.motions.rigid_body.compatibility import SLOPE_S, in_still_air, with_one_clock, with_velocity
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
@@ -157,6 +165,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
         band_hz=BAND_HZ,
         findings=(
             *stamp_findings,
+            *limits(log),
             *(Finding("clocks_apart", text) for text in clock_notes),
             *(Finding("wind", text) for text in wind),
             *_findings(forces, moving, sloped=regression.NEEDED[0] not in original.channels),

@@ -128,7 +128,7 @@ def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, lis
         turned = rotated(body, row)
         if turned is not None and (force is None or turned.rate_hz > force.rate_hz):
             force = turned
-    limited = [channel for channel in (force, *body) if channel is not None and channel.limited_share]
+    limited = [channel for channel in (force, *body) if channel is not None and channel.limited.any()]
     if limited:
         stops = f"{limited[0].at_limit()}: only the velocity's derivative is used."
         findings.append(Finding("clipped_accelerometer", stops))
