@@ -239,6 +239,9 @@ LATE = SensorAgreement({"offset": Difference(0.01, 1e-3)}, AGREE)
 EARLY = SensorAgreement({"offset": Difference(-0.01, 1e-3)}, AGREE)
 SCALED = SensorAgreement({"scale": Difference(-0.02, 1e-3)}, AGREE)
 SUPPLY = OmittedTerms({"supply": Difference(-0.04, 0.01)})
+BENDING = OmittedTerms(
+    {"thrust_curvature": Difference(0.3, 0.01)}, changes={"thrust_curvature": {LAG: -0.01}}
+)
 DRIFTING = OmittedTerms({"clock_drift": Difference(2e-4, 2e-5)}, clock_reach_s=30.0)
 SWINGING = Periodicity((), (Swing("vertical acceleration", "m/s²", 5.0, 0.2, 1e-4),), "s", 0.01)
 APART = SensorAgreement({}, OverIdentification(8.0, 2, 0.001))
@@ -282,6 +285,7 @@ def drift(change):
             "several clocks",
         ),
         (GAIN, {"checks": {"omitted": DRIFTING}}, "added", 0.3, "drift apart"),
+        (LAG, {"checks": {"omitted": BENDING}}, "added", (0.01, 0.0), "Thrust bends more"),
         (GAIN, {"checks": {"sideways_speed": 6.0}}, "added", 1.28, "sideways at 6.0 m/s"),
         (GAIN, {"checks": {"omitted": SUPPLY}}, "added", 0.8, "fell by 4.0%"),
         (GAIN, {"checks": {"omitted": SUPPLY, "drift": drift(-0.01)}}, "added", 0.673, "fell by 4.0%"),

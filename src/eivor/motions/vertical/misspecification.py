@@ -12,7 +12,7 @@ from eivor.errors import EstimationError, InstrumentError, TooFewSamplesError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.weighting import SpectralWhitening
 from eivor.flights.grid import on_grid
-from eivor.flights.lag_prior import EFFECTIVE_LAG
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import Difference, PreparedFlight, SensorAgreement, estimated
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns
@@ -64,13 +64,15 @@ _TERMS: dict[str, tuple[str, Callable[[Mapping[str, np.ndarray]], Float[np.ndarr
 
 def omitted_variable_tests(
     problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
-) -> dict[str, Difference]:
-    """Coefficient of each term as if it alone were added; none without instruments."""
+) -> tuple[dict[str, Difference], dict[str, dict[str, float]]]:
+    """Coefficient of each term as if it alone were added, and changes of others; none without instruments."""
     if not all(item.instruments.shape[1] for item in problem.columns):
-        return {}
+        return {}, {}
     gain = abs(estimate.parameters["input_gain"]) or math.nan
     linear = _linear(problem, estimate)
+    without = dict(zip((item.name for item in problem.parameters), estimate.theta.tolist(), strict=True))
     differences: dict[str, Difference] = {}
+    changes: dict[str, dict[str, float]] = {}
     for name, (column, instrument) in _term_bins(problem, estimate, flights).items():
         extended = replace(
             linear,
@@ -79,12 +81,14 @@ def omitted_variable_tests(
             parameters=(Parameter(name, ""), *linear.parameters),
         )
         try:
-            shift = estimated(GivenBins(extended), {})[0].differences[name]
+            known = estimated(GivenBins(extended), {})[0].differences
         except (EstimationError, InstrumentError, TooFewSamplesError):
             continue
-        size = gain if name in SHARES else 1.0
+        shift, size = known[name], gain if name in SHARES else 1.0
         differences[name] = replace(shift, value=shift.value / size, std_error=shift.std_error / size)
-    return differences
+        changes[name] = {other: item.value - without.get(other, 0.0) for other, item in known.items()}
+        changes[name][EFFECTIVE_LAG] = sum(changes[name].get(lag, 0.0) for lag in LAG_SUMS[EFFECTIVE_LAG])
+    return differences, changes
 
 
 def _term_bins(
@@ -137,6 +141,13 @@ class OmittedTerms:
     voltage_change: float | None = None
     #: From the time that the lag rests on to the farther end of the flight, where clocks may agree [s]
     clock_reach_s: float = 0.0
+    #: What other parameters change by with a term in the equation
+    changes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def change(self, name: str, parameter: str) -> tuple[float, float]:
+        """Distances down and up to a parameter's value with a term, where it is missed."""
+        change = self.changes.get(name, {}).get(parameter, 0.0) if self.missed(name) else 0.0
+        return max(-change, 0.0), max(change, 0.0)
 
     def missed(self, name: str) -> bool:
         """Whether a term is significant and large enough to matter."""
@@ -320,7 +331,8 @@ def omitted_terms(
     changes = [float(np.sqrt(12.0) * item.std() / item.mean()) for item in used]
     known = float(np.mean(changes)) if 0 < len(changes) == len(flights) else None
     reach_s = max(_clock_reach_s(*pair, estimate) for pair in zip(problem.columns, flights, strict=True))
-    return OmittedTerms(omitted_variable_tests(problem, estimate, flights), known, reach_s)
+    differences, moved = omitted_variable_tests(problem, estimate, flights)
+    return OmittedTerms(differences, known, reach_s, moved)
 
 
 def _clock_reach_s(item: AxisColumns, flight: PreparedFlight, estimate: Estimate) -> float:

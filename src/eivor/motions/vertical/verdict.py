@@ -363,6 +363,15 @@ PARTS = (
     ),
     verdict.SystematicPart((GAIN,), Counts.AT_LEAST, _secant, _secant_sentence),
     verdict.SystematicPart(
+        (*MOVING, DELAY.name),
+        Counts.ADDED,
+        lambda inputs, name: inputs.checks.omitted.change(misspecification.CURVATURE, name),
+        lambda inputs: (
+            f"{inputs.checks.omitted.spoken(misspecification.CURVATURE)}. Intervals reach as much further "
+            "as this term changes the values. Have it in the equation by --input-map fit."
+        ),
+    ),
+    verdict.SystematicPart(
         (GAIN,),
         Counts.ADDED,
         lambda inputs, name: (
