@@ -101,7 +101,6 @@ CASES = [
     (LAG, {}, strength(lag_s=0.2999), WEAK, "ran into the top of its grid"),
     (HOVER, {HOVER: quantity(0.0, 0.0)}, {}, REFUSED, "not positive"),
     (HOVER, {HOVER: quantity(math.nan, 0.1)}, {}, REFUSED, "not positive"),
-    (GAIN, {}, {"response_rate_hz": 19.0}, WEAK, "logged at 19 Hz at most"),
     (GAIN, {}, {"checks": VerticalChecks(near_ground=(0.2, 1.5))}, WEAK, "below 4 rotor radii"),
     (HOVER, {}, {"checks": VerticalChecks(near_ground=(0.2, 1.5))}, WEAK, "below 4 rotor radii"),
     ("thrust_curve", {"thrust_curve": UNKNOWN}, {}, REFUSED, "no interval with two ends"),
@@ -239,8 +238,9 @@ LATE = SensorAgreement({"offset": Difference(0.01, 1e-3)}, AGREE)
 EARLY = SensorAgreement({"offset": Difference(-0.01, 1e-3)}, AGREE)
 SCALED = SensorAgreement({"scale": Difference(-0.02, 1e-3)}, AGREE)
 SUPPLY = OmittedTerms({"supply": Difference(-0.04, 0.01)})
-BENDING = OmittedTerms(
-    {"thrust_curvature": Difference(0.3, 0.01)}, changes={"thrust_curvature": {LAG: -0.01}}
+BENDING, GROUNDED = (
+    OmittedTerms({term: Difference(0.3, 0.01)}, changes={term: {LAG: -0.01, GAIN: 0.5}})
+    for term in ("thrust_curvature", "ground_effect")
 )
 DRIFTING = OmittedTerms({"clock_drift": Difference(2e-4, 2e-5)}, clock_reach_s=30.0)
 SWINGING = Periodicity((), (Swing("vertical acceleration", "m/s²", 5.0, 0.2, 1e-4),), "s", 0.01)
@@ -286,6 +286,7 @@ def drift(change):
         ),
         (GAIN, {"checks": {"omitted": DRIFTING}}, "added", 0.3, "drift apart"),
         (LAG, {"checks": {"omitted": BENDING}}, "added", (0.01, 0.0), "Thrust bends more"),
+        (GAIN, {"checks": {"omitted": GROUNDED}}, "added", (0.0, 0.5), "Thrust grows towards the ground"),
         (GAIN, {"checks": {"sideways_speed": 6.0}}, "added", 1.28, "sideways at 6.0 m/s"),
         (GAIN, {"checks": {"omitted": SUPPLY}}, "added", 0.8, "fell by 4.0%"),
         (GAIN, {"checks": {"omitted": SUPPLY, "drift": drift(-0.01)}}, "added", 0.673, "fell by 4.0%"),

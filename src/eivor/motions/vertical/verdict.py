@@ -287,6 +287,18 @@ def _periodic_sentence(inputs: VerdictInputs) -> str:
     )
 
 
+def _missed(term: str, remedy: str) -> verdict.SystematicPart:
+    return verdict.SystematicPart(
+        (*MOVING, DELAY.name),
+        Counts.ADDED,
+        lambda inputs, name: inputs.checks.omitted.change(term, name),
+        lambda inputs: (
+            f"{inputs.checks.omitted.spoken(term)}. Intervals reach as much further as this term changes the "
+            f"values. {remedy}"
+        ),
+    )
+
+
 #: What widens the intervals: quantities, how it counts, how large it is, and its sentence.
 PARTS = (
     verdict.SystematicPart(
@@ -362,15 +374,8 @@ PARTS = (
         lambda inputs: f"The command is logged at {inputs.command_rate_hz:.0f} Hz: its edges are not known.",
     ),
     verdict.SystematicPart((GAIN,), Counts.AT_LEAST, _secant, _secant_sentence),
-    verdict.SystematicPart(
-        (*MOVING, DELAY.name),
-        Counts.ADDED,
-        lambda inputs, name: inputs.checks.omitted.change(misspecification.CURVATURE, name),
-        lambda inputs: (
-            f"{inputs.checks.omitted.spoken(misspecification.CURVATURE)}. Intervals reach as much further "
-            "as this term changes the values. Have it in the equation by --input-map fit."
-        ),
-    ),
+    _missed(misspecification.CURVATURE, "Have it in the equation by --input-map fit."),
+    _missed(GROUND, "Fly four radii of a rotor and more over the ground, or add --term ground-effect."),
     verdict.SystematicPart(
         (GAIN,),
         Counts.ADDED,
@@ -428,8 +433,6 @@ LIMITS = {
     CURVE: verdict.Limit(0.0, 0.0, 0.15, 0.5, narrower=LARGER_STEPS),
 }
 LARGE_INTERCEPT = 5.0
-#: Velocity and acceleration that are both slower leave the gain open [Hz].
-GAIN_RATE_HZ = 20.0
 #: A flight is near the ground when it is there for this share of the time used.
 NEAR_SHARE = 0.01
 #: A map does not fit below this p-value, and the bend is reported beside the intercept below the other.
@@ -584,20 +587,6 @@ RULES = (
         ),
         CHECK_INPUT,
         Cause.CONTRADICTION,
-    ),
-    verdict.Rule(
-        OF_GAIN,
-        lambda inputs: inputs.response_rate_hz < GAIN_RATE_HZ,
-        Status.WEAK,
-        lambda inputs: f"Velocity and acceleration are logged at {inputs.response_rate_hz:.0f} Hz at most.",
-        "Log one of them at 20 Hz or more.",
-    ),
-    verdict.Rule(
-        OF_GAIN,
-        lambda inputs: inputs.checks.omitted.missed(GROUND),
-        Status.WEAK,
-        lambda inputs: f"{inputs.checks.omitted.spoken(GROUND)}.",
-        "Fly higher over the ground, four radii of a rotor and more.",
     ),
     verdict.Rule(
         (*OF_GAIN, HOVER),
