@@ -229,8 +229,7 @@ def _log(base, content=CONTENT):
 def test_a_log_is_fetched_once(server, tmp_path):
     folder = tmp_path / "cache"
     path = tools.local_file(_log(server), folder=folder)
-    assert path == folder / "x.ulg"
-    assert path.read_bytes() == CONTENT
+    assert (path, path.read_bytes()) == (folder / "x.ulg", CONTENT)
     (tmp_path / "origin" / "x.ulg").unlink()
     assert tools.local_file(_log(server), folder=folder) == path
 
@@ -254,8 +253,7 @@ def test_fetch_prints_the_path(eivor, server, tmp_path, monkeypatch):
     monkeypatch.setenv("EIVOR_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(tools, "public_logs", lambda: {"x": _log(server)})
     run = eivor("example", "fetch", "x")
-    assert run.code == 0
-    assert run.out == f"{tmp_path / 'cache' / 'x.ulg'}\n"
+    assert (run.code, run.out) == (0, f"{tmp_path / 'cache' / 'x.ulg'}\n")
     monkeypatch.setattr(tools, "public_logs", lambda: {"x": _log("http://127.0.0.1:1", b"other")})
     run = eivor("example", "fetch", "x")
     assert run.code == 1

@@ -315,8 +315,7 @@ def test_a_useless_instrument_gives_the_whole_line():
 
 
 def test_excluded_sums_are_the_share_of_the_level():
-    assert excluded_sums(0.95, 100) == 5
-    assert excluded_sums(0.99, 200) == 2
+    assert (excluded_sums(0.95, 100), excluded_sums(0.99, 200)) == (5, 2)
 
 
 COVARIANCE = np.array([[0.04, -0.9 * 0.2 * 30.0], [-0.9 * 0.2 * 30.0, 900.0]])

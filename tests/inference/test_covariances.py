@@ -117,8 +117,7 @@ def test_widest_assumption_makes_the_interval():
     )
     made = cov.JointCovariance(parts)
     first, second = np.eye(2)
-    assert made.std_error(first) == 2.0
-    assert made.std_error(second) == 3.0
+    assert (made.std_error(first), made.std_error(second)) == (2.0, 3.0)
     normal, t = stats.norm.ppf(0.975), stats.t(8).ppf(0.975)
     assert made.half_width(first) == pytest.approx(normal * 2.0)
     assert made.half_width(second) == pytest.approx(t * 3.0)

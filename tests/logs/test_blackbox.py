@@ -31,8 +31,7 @@ def test_every_encoding_and_predictor(read):
     log = read(blackbox_log(logged, {"gyro_scale": gyro_scale(0.5)}))
     assert log.format == "blackbox"
     assert log.origin.firmware.startswith("Betaflight 4.5.0")
-    assert log.origin.airframe == "five inch"
-    assert log.origin.start.year == 2025
+    assert (log.origin.airframe, log.origin.start.year) == ("five inch", 2025)
     for axis, letter in enumerate("xyz"):
         rate = np.radians(0.5 * columns[f"gyroADC[{axis}]"])
         np.testing.assert_allclose(values(log, f"angular_rate_{letter}"), rate, atol=1e-9)

@@ -231,16 +231,14 @@ def strictly_read(text):
     assert mission["version"] == 2
     assert len(mission["plannedHomePosition"]) == 3
     for number, item in enumerate(mission["items"], start=1):
-        assert item["type"] == "SimpleItem"
-        assert item["doJumpId"] == number
+        assert (item["type"], item["doJumpId"]) == ("SimpleItem", number)
         assert item["autoContinue"] is True
         assert len(item["params"]) == 7
         assert all(value is None or isinstance(value, NUMBER) for value in item["params"])
         if item["frame"] == 3:
             assert set(item) == PLACED
             assert item["command"] in {16, 17, 22}
-            assert item["params"][4:6] == list(HOME)
-            assert item["Altitude"] == item["params"][6]
+            assert (item["params"][4:6], item["Altitude"]) == (list(HOME), item["params"][6])
             assert item["AltitudeMode"] == 1
             assert item["AMSLAltAboveTerrain"] is None
         else:
@@ -252,8 +250,7 @@ def strictly_read(text):
 def test_the_mission_climbs_to_every_level_and_loiters(steps):
     items = strictly_read(qgc_text(steps, HOME))
     commands = [item["command"] for item in items]
-    assert commands[:3] == [22, 178, 178]
-    assert commands[-1] == 17
+    assert (commands[:3], commands[-1]) == ([22, 178, 178], 17)
     assert set(commands[3:-1]) == {16}
     low, high = steps.limits.height_m
     flight = [(item["Altitude"], item["params"][0]) for item in items if item["command"] == 16]

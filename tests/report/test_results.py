@@ -176,8 +176,7 @@ def test_a_refusal_is_read_back(still, tmp_path):
     file.write_text(still.to_json())
     saved = ev.load_fit(file)
     assert saved.verdict is still.verdict.status
-    assert saved.reasons == still.verdict.sentences
-    assert saved.names == ()
+    assert (saved.reasons, saved.names) == (still.verdict.sentences, ())
 
 
 def places(value, place=()):

@@ -156,8 +156,7 @@ def test_the_page_comes_with_its_token_and_a_policy(page):
     assert last == "frame-ancestors 'none'"
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert f'content="{policy}"' in html.unescape(body.decode())
-    assert headers["Cache-Control"] == "no-store"
-    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert (headers["Cache-Control"], headers["X-Content-Type-Options"]) == ("no-store", "nosniff")
     assert page.server.url == f"http://127.0.0.1:{page.server.port}/?token={page.server.token}"
     json = page.json("GET", "/choices")
     assert json["models"] == [{"name": "vertical", "words": "up and down"}]

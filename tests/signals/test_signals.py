@@ -30,10 +30,11 @@ from eivor.errors import (
     UsageError,
 )
 from eivor.flights.grid import upward
+from eivor.flights.timestamps import as_issued, command_clock
 from eivor.logs.common import channel_findings
 from eivor.signals import channels, noise
 from eivor.signals import channels as canonical
-from eivor.signals.filters import actuator_state, low_passed, reciprocal, time_derivative
+from eivor.signals.filters import actuator_state, low_passed, rate_limited, reciprocal, time_derivative
 from eivor.signals.noise import GrowthTable, fractional_difference, fractional_weights
 from eivor.signals.recording import Channel, DataSheet, Frame, clean_channel, interval_within
 from eivor.signals.thrust_map import Mixed, Power, input_map
@@ -385,8 +386,7 @@ def test_cleaning_is_the_naive_walk_through_the_samples(stamps, seed):
     result = clean_channel("velocity_z", time, values, "m/s", overflowed=2, saturated=3)
     np.testing.assert_array_equal(result.time_s, time[kept])
     np.testing.assert_array_equal(result.values, np.where(np.isfinite(values[kept]), values[kept], np.nan))
-    assert result.quality.duplicated_stamps == duplicated
-    assert result.quality.backward_stamps == backward
+    assert (result.quality.duplicated_stamps, result.quality.backward_stamps) == (duplicated, backward)
     assert result.quality.missing_values == int((~np.isfinite(values[kept])).sum())
     assert (result.quality.overflowed, result.quality.saturated) == (2, 3)
     np.testing.assert_array_equal(time, before[0])
@@ -407,8 +407,7 @@ def test_gaps_are_long_in_median_steps_and_in_seconds():
     assert len(gaps) == 1
     assert gaps[0] == pytest.approx((1.99, 2.5), abs=1e-9)
     assert len(channel(time).gaps(at_least_s=0.01)) == 2
-    assert channel([]).gaps() == []
-    assert channel([1.0]).gaps() == []
+    assert (channel([]).gaps(), channel([1.0]).gaps()) == ([], [])
     assert channel(np.arange(0.0, 10.0, 0.2)).gaps() == []
 
 
@@ -458,12 +457,24 @@ def erring(step_s, error_s, seconds=40.0):
     return even, even + error_s * np.random.default_rng(5).standard_normal(even.size)
 
 
-def test_it_is_said():
-    even, stamps = erring(0.004, 0.004)
-    channel = clean_channel("velocity_z", stamps, np.sin(even), "m/s")
+EVEN, ERRING = erring(0.004, 0.004)
+BURSTS = np.ceil(EVEN / 0.02 - 1e-6) * 0.02 + 1e-6 * ((np.arange(EVEN.size) + 4) % 5)
+
+
+@pytest.mark.parametrize("stamps", [ERRING, BURSTS])
+def test_stamps_that_err_or_come_in_bursts_are_evened(stamps):
+    channel = clean_channel("velocity_z", stamps, np.sin(EVEN), "m/s")
     (findings,) = channel_findings({"velocity_z": channel})
-    assert findings.name == "time_stamps"
-    assert "evened: velocity_z 10000" in findings.message
+    assert (findings.name, "evened: velocity_z 10000" in findings.message) == ("time_stamps", True)
+    assert np.std(channel.time_s - EVEN) < 0.25 * np.std(stamps - EVEN)
+
+
+def test_stamps_at_two_rates_take_no_more_memory_than_others():
+    time_s = np.append(1e-6 * np.arange(6000), 1.0 + 0.01 * np.arange(4000))
+    channel = clean_channel("input", time_s, np.sin(time_s), "")
+    assert as_issued(channel, command_clock(channel, [])).time_s.size < 10 * time_s.size
+    assert rate_limited(channel.values, channel.time_s, np.array([0.5])).shape == (1, channel.time_s.size)
+    assert time_derivative(np.ones(1), 0.01).tolist() == [0.0]
 
 
 @pytest.mark.parametrize(

@@ -165,8 +165,7 @@ def test_shipped_scenarios_read_and_simulate():
     assert {"v", "p", "rich", "rich-high", "rich-dynamic", "white"} <= set(names)
     for name in names:
         scenario = shipped_scenario(name)
-        assert scenario.samples == 4000
-        assert scenario.rate_hz == 5.0
+        assert (scenario.samples, scenario.rate_hz) == (4000, 5.0)
         ev.simulate(scenario, np.random.default_rng(1))
 
 
@@ -238,8 +237,7 @@ def test_everything_is_read(file):
     file.write_text(VEHICLE.replace("0.2", '0.2\ntrajectory = "chirp"', 1) + REST, encoding="utf-8")
     flight = rigid_body_flight_from_table(read_toml(file, "a flight"))
     assert flight.vehicle.rotors.positions[1] == (0.12, -0.12, 0.0)
-    assert flight.vehicle.rotors.spins == (1, -1, 1, -1)
-    assert flight.vehicle.drag.linear == (0.1, 0.1, 0.2)
+    assert (flight.vehicle.rotors.spins, flight.vehicle.drag.linear) == ((1, -1, 1, -1), (0.1, 0.1, 0.2))
     assert flight.attitude.roll == RandomSteps(0.2)
     assert flight.attitude.pitch is None
     assert flight.injection.yaw == SteppedExcitation((0.1, -0.1), 0.1)

@@ -270,9 +270,9 @@ def _reference(recording: Recording, source: ReferenceSource, grid: Grid, used: 
 
 def holds_feedback(values: Series, goal: Series, measured: Series, used: Mask) -> bool:
     """Whether a setpoint, beyond the slope of another, mostly follows the other's tracking error."""
-    columns = np.column_stack([np.ones(goal.size), np.gradient(goal), goal - measured, values])[used]
-    if len(columns) < FEWEST_VALUES:
+    if np.count_nonzero(used) < FEWEST_VALUES:
         return False
+    columns = np.column_stack([np.ones(goal.size), np.gradient(goal), goal - measured, values])[used]
     slope, rest = np.split(columns, [2], axis=1)
     error, residual = (rest - slope @ np.linalg.lstsq(slope, rest, rcond=None)[0]).T
     size, power = float(error @ error), float(residual @ residual)

@@ -325,13 +325,17 @@ def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
     return None if is_decimal and np.abs(counts - np.rint(counts)).max() <= 1e-3 else step
 
 
+#: Distance of stamps, in usual ones, over which no command is interpolated.
+PAUSE = 10.0
+
+
 def as_issued(command: Channel, clock: Clock) -> Channel:
     """Return the command with interpolated values between its stamps."""
     time, values = command.time_s, command.values
     distances = np.diff(time)
     parts = np.maximum(np.rint(distances / clock.issued_s), 1.0).astype(np.int64)
     known = np.isfinite(values)
-    parts[~(known[1:] & known[:-1])] = 1
+    parts[~(known[1:] & known[:-1]) | (distances > PAUSE * clock.logged_s)] = 1
     for start, end in command.gaps():
         parts[np.searchsorted(time, start) : np.searchsorted(time, end)] = 1
     if (parts == 1).all():

@@ -180,8 +180,8 @@ WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)
 
 
 def time_derivative(values: Series, step_s: float) -> Series:
-    """Derivative of a series by central differences of seven samples; of fewer near its ends."""
-    derivative: Series = np.gradient(values, step_s)
+    """Derivative of a series by central differences of seven samples; of fewer near its ends, zero of one."""
+    derivative: Series = np.gradient(values, step_s) if values.size > 1 else np.zeros(values.size)
     half = len(WEIGHTS)
     if values.size > 2 * half:
         weights = np.array([-weight for weight in reversed(WEIGHTS)] + [0.0, *WEIGHTS])
@@ -229,11 +229,26 @@ FURTHEST = 5.0
 PAUSE = 10.0
 
 
+#: Stamps that are closer, but not equal, were written together: no sensor is sampled so often [s].
+BURST_S = 1e-4
+#: Shares of such distances in bursts of up to 20 samples; more are a clock in another unit.
+BURST_SHARES = 0.4, 0.95
+
+
+def in_bursts(distances: Series) -> bool:
+    """Whether samples were written in bursts, which have stamps of their writing."""
+    close = np.count_nonzero((distances > 0.0) & (distances < BURST_S))
+    low, high = (share * distances.size for share in BURST_SHARES)
+    return bool(close) and low <= close <= high
+
+
 def evened(time_s: Series) -> Series:
     """Stamps with their errors averaged out, where they err; else the same array."""
     if time_s.size <= 2 * REACH:
         return time_s
     distances = np.diff(time_s)
+    if in_bursts(distances):
+        return on_lines(time_s, PAUSE * float(np.median(distances[distances >= BURST_S])))
     back = distances[distances < 0.0]
     if back.size < BACKWARD_SHARE * time_s.size:
         return time_s
@@ -275,6 +290,8 @@ def _on_lines(time_s: Series) -> Series:
 
 #: After this time a value whose rate is limited has caught up [s].
 CAUGHT_UP_S = 2.0
+#: Mean step over the usual one at most: closer stamps are not those of commands.
+MOST_QUICKER = 10.0
 
 
 def rate_limited(
@@ -283,7 +300,8 @@ def rate_limited(
     """Values that follow those given by no more than each limit [1/s]; blocks are computed side by side."""
     values = values[np.maximum.accumulate(np.where(np.isfinite(values), np.arange(values.size), 0))]
     step = np.diff(time_s, prepend=time_s[0])
-    block = max(int(CAUGHT_UP_S / max(float(np.median(step)), 1e-6)), 1)
+    usual_s = max(float(np.median(step)), float(np.mean(step)) / MOST_QUICKER, 1e-6)
+    block = max(int(CAUGHT_UP_S / usual_s), 1)
     # each block begins a block earlier
     rows = (np.arange(-block, block)[:, None] + np.arange(0, values.size, block)).clip(0, values.size - 1)
     inputs, steps = values[rows], step[rows][:, None] * limits[:, None]

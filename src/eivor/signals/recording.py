@@ -16,7 +16,7 @@ import numpy as np
 from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError, did_you_mean
 from eivor.signals.channels import CurveSide, family_members
-from eivor.signals.filters import evened
+from eivor.signals.filters import evened, in_bursts
 from eivor.tools import Bool, Float, html_table
 
 
@@ -231,7 +231,7 @@ def clean_channel(
         time, series = time[finite], series[finite]
     series[~((series >= -LARGEST_VALUE) & (series <= LARGEST_VALUE))] = np.nan
     quality = ChannelQuality(backward_stamps=int((~finite).sum()), overflowed=overflowed, saturated=saturated)
-    if not _rise(time):
+    if not _rise(time) or in_bursts(np.diff(time)):
         time, first, quality = _rising(time, quality)
         series = series[first]
     quality = replace(quality, missing_values=int(np.isnan(series).sum()))
