@@ -239,7 +239,7 @@ def in_bursts(distances: Series) -> bool:
     """Whether samples were written in bursts, which have stamps of their writing."""
     close = np.count_nonzero((distances > 0.0) & (distances < BURST_S))
     low, high = (share * distances.size for share in BURST_SHARES)
-    return bool(close) and low <= close <= high
+    return bool(close > 0 and low <= close <= high)
 
 
 def evened(time_s: Series) -> Series:
