@@ -64,8 +64,7 @@ def test_tilt_method_map_and_input_are_passed_on(eivor, log):
     document = json.loads(run.out)
     assert run.code == 0  # hover alone
     vertical = document["motions"]["vertical"]
-    assert vertical["method"] == "least_squares"
-    assert vertical["model"]["input_map"] == "power:1.9"
+    assert (vertical["method"], vertical["model"]["input_map"]) == ("least_squares", "power:1.9")
     assert document["provenance"]["options"]["max_tilt_deg"] == 15.0
     assert vertical["verdict"] == "provisional"
 
@@ -161,8 +160,7 @@ def test_track_prints_draws_and_writes(eivor, tmp_path):
     assert "input gain K_u over the log" in run.out
     assert figure.stat().st_size > 10_000
     document = json.loads(out.read_text())
-    assert document["parameter"] == "input_gain"
-    assert document["changes"] == []
+    assert (document["parameter"], document["changes"]) == ("input_gain", [])
 
 
 @pytest.mark.thorough

@@ -391,8 +391,7 @@ def test_what_is_refused_must_be_given(name, tmp_path):
     with pytest.raises(NotIdentifiedError, match=f"{name} is refused. The flight does not identify it"):
         fit.to_statespace()
     reported = json.loads(fit.export("statespace", priors={name: (0.2, 0.01)}))
-    assert reported["numbers"][name]["value"] == 0.2
-    assert reported["numbers"][name]["source"] == "given"
+    assert (reported["numbers"][name]["value"], reported["numbers"][name]["source"]) == (0.2, "given")
     assert reported["schema"] == "eivor.statespace/1"
     assert np.shape(reported["A"]) == (2, 2)
 
@@ -404,8 +403,7 @@ def test_python_control_takes_it_and_climbs_as_the_flight_did(tmp_path):
     speeds["parameters"]["viscous_friction"] = documents.quantity(documents.FRICTION, 0.02)
     linear = ev.load_fit(documents.written(speeds, tmp_path)).to_statespace()
     made = linear.to_control()
-    assert made.input_labels == ["rotor_command"]
-    assert made.output_labels == ["velocity_z"]
+    assert (made.input_labels, made.output_labels) == (["rotor_command"], ["velocity_z"])
     assert made.state_labels == ["actuator", "velocity_z"]
     hover = speeds["derived"]["hover_input"]["value"]
     assert float(np.real(control.dcgain(made))) == pytest.approx(

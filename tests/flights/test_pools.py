@@ -423,8 +423,7 @@ def test_flights_follow_each_other_and_what_nobody_measured_is_left_out(broken):
     result = multi_step_predictions([broken] * 3, lambda number, _: flights[number], ("said",))
     assert [each.quantity for each in result.errors] == ["roll rate"]
     assert result.errors[0].rms[0] == pytest.approx(np.sqrt((4 * 1.0 + 2 * 9.0) / 6))
-    assert result.start_s.size == 3 * starts_of(broken).samples.size
-    assert result.omitted == ("said",)
+    assert (result.start_s.size, result.omitted) == (3 * starts_of(broken).samples.size, ("said",))
 
 
 @pytest.fixture(scope="module")
@@ -523,8 +522,7 @@ def test_documents_figure_and_json_agree(dropped, capsys):
     assert abs(change["share"] + 0.2) < change["half_width"]
     assert len(document["moments"]) == len(dropped.moments)
     (axes,) = track_figure(dropped).axes
-    assert len(axes.lines) == 2
-    assert len(axes.collections) == 1
+    assert (len(axes.lines), len(axes.collections)) == (2, 1)
 
 
 @pytest.mark.thorough

@@ -161,8 +161,7 @@ def test_a_table_with_names_of_its_own_is_answered_with_the_map_that_reads_it(tm
 
 def test_decimal_commas_in_any_row(tmp_path):
     r = csv(tmp_path, "time;velocity_z;input\n0;0;0\n1;1,5;10\n2;-,5e1;20\n")
-    assert r.channels["velocity_z"].values.tolist() == [0.0, 1.5, -5.0]
-    assert r.findings == ()
+    assert (r.channels["velocity_z"].values.tolist(), r.findings) == ([0.0, 1.5, -5.0], ())
 
 
 def test_thousands_are_not_taken_for_fractions(tmp_path):

@@ -272,8 +272,7 @@ def test_everything_is_read(loaded):
         X + "arm = { value = 0.2, std = 0.002 }\nspeed_scale = 0.10472\ntorque_ratio.value = 0.016\n"
         'thrust_map = "mixed:0.3"',
     )
-    assert vehicle.name == "Mine"
-    assert vehicle.mass == vehicles.KnownNumber(1.2, 0.01)
+    assert (vehicle.name, vehicle.mass) == ("Mine", vehicles.KnownNumber(1.2, 0.01))
     assert vehicle.yaw_inertia_ratio == vehicles.KnownNumber(1.8)
     assert vehicle.delay == vehicles.KnownNumber(0.004, 0.001)
     assert (vehicle.gyro_cutoff_hz, vehicle.accelerometer_cutoff_hz) == (80.0, 30.0)

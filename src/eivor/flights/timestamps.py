@@ -254,7 +254,7 @@ def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: 
     for channel in others:
         time_s = channel.time_s
         jitters.append(jitter_estimate(channel))
-        sampled_with_it |= not channel.held and _among(time_s, command.time_s)
+        sampled_with_it |= not channel.held and are_among(time_s, command.time_s)
         if time_s.size > 1:
             shortest = min(shortest, float(np.median(np.diff(time_s), overwrite_input=True)))
     if finer is not None and not sampled_with_it:
@@ -275,7 +275,7 @@ def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: 
     return every_logged if quick and shortest >= MORE_OFTEN * logged and jitter else unknown
 
 
-def _among(time_s: Float[np.ndarray, " m"], rows_s: Float[np.ndarray, " n"]) -> bool:
+def are_among(time_s: Float[np.ndarray, " m"], rows_s: Float[np.ndarray, " n"]) -> bool:
     """Whether stamps are those of rows, all or some of them."""
     nearest = np.minimum(np.searchsorted(rows_s, time_s), rows_s.size - 1)
     return bool(time_s.size and np.array_equal(rows_s[nearest], time_s))

@@ -309,6 +309,15 @@ def test_each_systematic_part(name, changed, kind, sizes, said):
     ]
 
 
+def test_channels_in_some_rows_of_a_table_have_one_clock():
+    (log,) = flown(1, seconds=10.0)
+    sensors = (log.channels[name] for name in ("velocity_z", "specific_force_z"))
+    sparse = {x.name: replace(x, time_s=x.time_s[::5], values=x.values[::5]) for x in sensors}
+    flights = (prepare_vertical(changed(log, **sparse), ev.FlightOptions()),)
+    checks = VerticalChecks(sensitivities=SENSITIVE, omitted=DRIFTING)
+    assert not any("several clocks" in item[3] for item in parts(LAG, flights=flights, checks=checks))
+
+
 def test_the_mean_command_of_uneven_rotors_is_measured():
     log = changed(flown(1, seconds=10.0)[0])
     first = log.channels["rotor_command_1"]

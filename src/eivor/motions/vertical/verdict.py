@@ -13,6 +13,7 @@ from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.options import ACCELEROMETER_BIAS
 from eivor.flights.prepared import CommandLimit, Difference, PreparedFlight
 from eivor.flights.quantity import Counts, Quantity
+from eivor.flights.timestamps import are_among
 from eivor.flights.verdict import VerdictInputs
 from eivor.inference.verdict import Cause, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
@@ -201,8 +202,9 @@ def _clocks_apart_s(inputs: VerdictInputs) -> tuple[float, float]:
     several = False  # whether what was measured may have another clock than the commands
     for flight in inputs.flights:
         known = flight.recording.channels
-        first, *others = [known[name].time_s for name in flight.signals.channels if name in known]
-        same = all(np.array_equal(first, other) for other in others)
+        stamps = [known[name].time_s for name in flight.signals.channels if name in known]
+        rows = max(stamps, key=len)
+        same = all(are_among(item, rows) for item in stamps)
         several |= not same and flight.recording.format not in ONE_CLOCK
     apart: tuple[float, float] = inputs.checks.omitted.clocks_apart_s(several)
     return apart
