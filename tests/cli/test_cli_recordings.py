@@ -43,7 +43,7 @@ def test_of_a_hover_the_hover_input_alone_is_identified(eivor, recordings):
 
 @pytest.mark.thorough
 def test_a_given_lag_tells_the_friction_of_a_flight(eivor, recordings):
-    """Alone it is known to a tenth of a second: with 65 ms, to 15 ms, the friction is above zero."""
+    """Alone it is known to a quarter of a second: with 65 ms, to 15 ms, the friction has an interval."""
     path = recordings / "nanobench" / "B9_trefoil_fast_rep14.csv"
     given = _document(eivor("identify", path, "--lag", "65:15", "--json", "-"))
     friction = given["parameters"]["viscous_friction"]
@@ -55,6 +55,8 @@ def test_a_given_lag_tells_the_friction_of_a_flight(eivor, recordings):
     assert 0.0 < friction["interval"][0] < low
     low, high = given["given_lag"]["alone_interval"]
     assert high - low > 3 * 2 * 0.015
+    low, high = _document(eivor("identify", path, "--json", "-"))["derived"]["effective_lag"]["interval"]
+    assert high - low > 0.2
 
 
 @pytest.mark.thorough

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from eivor.errors import UsageError
-from eivor.signals.filters import REACH, on_lines
+from eivor.signals.filters import PAUSE, REACH, on_lines
 from eivor.signals.recording import Channel, Finding, Recording
 from eivor.tools import Float, Int
 
@@ -323,10 +323,6 @@ def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
     counts = time_s / decimal
     is_decimal = decimal <= ROUNDED_S and abs(step / decimal - 1.0) <= 1e-3
     return None if is_decimal and np.abs(counts - np.rint(counts)).max() <= 1e-3 else step
-
-
-#: Distance of stamps, in usual ones, over which no command is interpolated.
-PAUSE = 10.0
 
 
 def as_issued(command: Channel, clock: Clock) -> Channel:

@@ -568,9 +568,10 @@ def _text(file: str) -> str:
 
 def _program(file: str, **numbers: object) -> str:
     """Program with numbers in it."""
-    from jinja2 import Template
+    from jinja2 import StrictUndefined, Template
 
-    return Template(_text(file), keep_trailing_newline=True, trim_blocks=True).render(numbers)
+    template = Template(_text(file), keep_trailing_newline=True, trim_blocks=True, undefined=StrictUndefined)
+    return template.render(numbers)
 
 
 COLUMNS = ("time", "reference_position_z", "reference_velocity_z", "reference_acceleration_z")

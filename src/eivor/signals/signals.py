@@ -105,7 +105,7 @@ class Signals:
         return self.channels[name]
 
     def family(self, name: str) -> Float[np.ndarray, "n members"]:
-        """Channels of a family as columns, each in a piece, see `family_members`; none gives zero columns."""
+        """Channels of a family as contiguous columns, see `family_members`; none gives zero columns."""
         members = family_members(name, self.channels)
         if not members:
             return np.empty((self.sample_count, 0))

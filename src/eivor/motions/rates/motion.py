@@ -203,20 +203,15 @@ def refuse_degrees(rate: Channel, log: Recording) -> None:
 LIMIT_MARGIN_S = 0.02
 
 
-def rates_of(log: Recording) -> list[Channel]:
-    """Rates that are logged."""
-    return [log.channels[axis.rate] for axis in AXES if axis.rate in log.channels]
-
-
 def limits(log: Recording) -> tuple[Finding, ...]:
     """Rates at a limit of the gyroscope's range."""
-    limited = [rate for rate in rates_of(log) if rate.limited.any()]
+    limited = [rate for rate in log.family("angular_rate") if rate.limited.any()]
     return tuple(Finding("clipped_gyroscope", f"{rate.at_limit()}, which do not count.") for rate in limited)
 
 
 def within_range(log: Recording, grid: Grid) -> Bool[np.ndarray, " n"] | None:
     """Samples away from limits of the gyroscope's range; None for all."""
-    times = np.sort(np.concatenate([rate.time_s[rate.limited] for rate in rates_of(log)]))
+    times = np.sort(np.concatenate([rate.time_s[rate.limited] for rate in log.family("angular_rate")]))
     if not times.size:
         return None
     after = np.searchsorted(times, grid.time_s - LIMIT_MARGIN_S)
@@ -225,12 +220,13 @@ def within_range(log: Recording, grid: Grid) -> Bool[np.ndarray, " n"] | None:
 
 def active(log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /) -> Active:
     """Samples in the air: torque setpoints do not identify, so by the land detector."""
+    counted = within_range(log, grid)
     members = next((members for family in LEVELS if (members := log.family(family))), [])
     if not members and "landed" not in log.channels:
         why = "nothing: neither a land detector nor thrust is logged"
-        return Active(np.ones(grid.count, dtype=np.bool_), why, within_range(log, grid))
+        return Active(np.ones(grid.count, dtype=np.bool_), why, counted)
     levels = [on_grid(member, grid)[0] for member in members] or [np.ones(grid.count)]
-    return replace(airborne_by_log(log, grid, np.mean(levels, axis=0)), counted=within_range(log, grid))
+    return replace(airborne_by_log(log, grid, np.mean(levels, axis=0)), counted=counted)
 
 
 #: What that does to an effectiveness, as a share of it, and to the lag [s].
