@@ -97,17 +97,14 @@ def _uneven_state(
     return state
 
 
+#: Lagrange's weights of samples -2, -1, 0, 1 from the whole step before, by powers of what is left of a delay.
+BETWEEN_SAMPLES = np.array([[0, 0, 6, 0], [-1, 6, -3, -2], [0, 3, -6, 3], [1, -3, 3, -1]]) / 6.0
+
+
 def weights_between_samples(delays: Series) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 4"]]:
     """Whole steps of delays in steps, and Lagrange's weights of samples -2, -1, 0, 1 from there."""
-    steps = np.floor(delays).astype(np.int64)
-    f = delays - steps
-    weights = (
-        f * (1.0 + f) * (f - 1.0) / 6.0,
-        f * (1.0 + f) * (2.0 - f) / 2.0,
-        (1.0 + f) * (1.0 - f) * (2.0 - f) / 2.0,
-        f * (f - 1.0) * (2.0 - f) / 6.0,
-    )
-    return steps, np.stack(weights, axis=1)
+    steps = np.floor(delays)
+    return steps.astype(np.int64), np.vander(delays - steps, 4, increasing=True) @ BETWEEN_SAMPLES
 
 
 def shifted_by(values: Columns, *, step_s: float, delay_s: float) -> Columns:
@@ -181,12 +178,13 @@ WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)
 
 def time_derivative(values: Series, step_s: float) -> Series:
     """Derivative of a series by central differences of seven samples; of fewer near its ends, zero of one."""
-    derivative: Series = np.gradient(values, step_s) if values.size > 1 else np.zeros(values.size)
     half = len(WEIGHTS)
-    if values.size > 2 * half:
-        weights = np.array([-weight for weight in reversed(WEIGHTS)] + [0.0, *WEIGHTS])
-        derivative[half:-half] = np.correlate(values, weights, "valid") / step_s
-    return derivative
+    if values.size <= 2 * half:
+        return np.gradient(values, step_s) if values.size > 1 else np.zeros(values.size)
+    weights = np.array([-weight for weight in reversed(WEIGHTS)] + [0.0, *WEIGHTS])
+    middle = np.correlate(values, weights, "valid") / step_s
+    first, last = np.gradient(np.stack([values[: half + 1], values[-half - 1 :]]), step_s, axis=1)
+    return np.concatenate([first[:-1], middle, last[1:]])
 
 
 #: Prime factors of quick lengths: of fewer kinds more samples would be lost.
