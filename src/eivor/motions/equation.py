@@ -148,14 +148,13 @@ class AxisEquation:
         undelayed = self.columns(signals, texts)
         return lambda nuisances: shifted_by(undelayed, step_s=step_s, delay_s=-nuisances[DELAY.name])
 
-    def instruments(self, signals: Signals, rule: InstrumentRule, excluded: set[str]) -> np.ndarray:
-        """Lags of its own references and nonlinear terms of them, or past inputs."""
+    def instruments(self, signals: Signals, rule: InstrumentRule, names: tuple[str, ...]) -> np.ndarray:
+        """Lags of references, by their names, and nonlinear terms of them, or past inputs."""
         # an equation may have no input of its own, but states of another
         inputs = [mean_of(signals.family(name)) for name in self.inputs]
         commands = inputs or [np.zeros(signals.sample_count)]
         if not isinstance(rule, LaggedReferences):
             return np.column_stack([rule.columns(signals, command) for command in commands])
-        names = tuple(name for name in rule.channels if name not in excluded) or rule.channels
         lags = rule.lags if self.reference_lags is None else self.reference_lags
         if self.instruments_of:
             series = {text: evaluated(parsed(text), signals) for text in self.instruments_of}
@@ -309,9 +308,14 @@ class DeclaredMotion(motion.Motion[R]):
             delay = replace(delay, grid=grid, prior=prior, tolerance=1e-3 * slack_s)
         return LaggedRuns(tuple(columns), (*fixed, *varying), (lag, delay))
 
-    def instruments(self, axis: AxisEquation, signals: Signals, rule: InstrumentRule) -> np.ndarray:
+    def references_of(self, axis: AxisEquation, rule: InstrumentRule) -> tuple[str, ...]:
+        """References of a rule but for those of other equations; all where no other is left."""
+        names = rule.channels if isinstance(rule, LaggedReferences) else ()
         others = {source.channel for item in self.axes if item != axis for source in item.references}
-        return axis.instruments(signals, rule, others)
+        return tuple(name for name in names if name not in others) or names
+
+    def instruments(self, axis: AxisEquation, signals: Signals, rule: InstrumentRule) -> np.ndarray:
+        return axis.instruments(signals, rule, self.references_of(axis, rule))
 
     def derive(self, problem: R, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         results = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}

@@ -49,7 +49,7 @@ from eivor.tools import Bool, Float, capitalised
 AVERAGES = 8
 #: Time constants of the lags of references, of which the strongest is taken [s].
 TIME_CONSTANTS_S = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0)
-#: Instruments in excess of the unknowns.
+#: Instruments in excess of the unknowns, for each reference.
 SPARE_INSTRUMENTS = 2
 #: A machine stands still below this share of its usual speed, or this multiple of its noise.
 STANDSTILL_SHARE, STANDSTILL_NOISES = 0.02, 3.0
@@ -463,8 +463,10 @@ class Machine(DeclaredMotion[LaggedRuns]):
             return super().problem(flights, rule)
         searched = sum(len(grid) > 1 for grid in self.grids) if self.has_lag else 0
         unknowns = max(sum(not term.is_intercept for term in axis.terms) for axis in self.axes) + searched
-        series = max(len(axis.instruments_of) or len(rule.channels) for axis in self.axes)
-        count = math.ceil((unknowns + SPARE_INSTRUMENTS) / series) - 1
+        given = len(self.axes[0].instruments_of)  # all equations have the same
+        references = min(len(self.references_of(axis, rule)) for axis in self.axes)
+        spare = SPARE_INSTRUMENTS * (1 if given else references)
+        count = math.ceil((unknowns + spare) / (given or references)) - 1
         step_s = max(flight.signals.step_s for flight in flights)
         longest_s = max((run.stop - run.start) * f.signals.step_s for f in flights for run in f.runs)
         lags = [lag for lag in TIME_CONSTANTS_S if 2.0 * step_s <= lag <= 0.1 * longest_s] or [2.0 * step_s]

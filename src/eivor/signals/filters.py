@@ -97,7 +97,7 @@ def _uneven_state(
     return state
 
 
-#: Lagrange's weights of samples -2, -1, 0, 1 from the whole step before, by powers of what is left of a delay.
+#: Lagrange's weights of samples -2, -1, 0, 1 around a fraction of a step, by its powers.
 BETWEEN_SAMPLES = np.array([[0, 0, 6, 0], [-1, 6, -3, -2], [0, 3, -6, 3], [1, -3, 3, -1]]) / 6.0
 
 

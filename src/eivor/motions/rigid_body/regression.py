@@ -425,19 +425,21 @@ class BodyEquation(AxisEquation):
         inferred = not self.turns and len(self.response) == 1
         return FROM_HZ if inferred else low, min(high, BAND_SHARE * slowest)
 
-    def instruments(self, signals: Signals, rule: separable.InstrumentRule, others: set[str]) -> np.ndarray:
+    def instruments(
+        self, signals: Signals, rule: separable.InstrumentRule, names: tuple[str, ...]
+    ) -> np.ndarray:
         """Instruments by references: predicted regressors, or lags of references."""
         if not isinstance(rule, separable.LaggedReferences):
-            return super().instruments(signals, rule, others)
+            return super().instruments(signals, rule, names)
         if self.rotors.predicted is None:
             self.rotors.predicted = predicted(self.rotors, rule)
         rotors, flight = self.rotors.predicted, self.rotors.flight
         if self.turns:
             lagged = tuple(item for item in self.terms if item.name not in UNLAGGED)
             moving = DrivenColumns(replace(self, rotors=rotors, terms=lagged), rotors.signals)
-            names, measured = (lagged_runs.ACTUATOR_LAG.name, lagged_runs.DELAY.name), flight.input.measured
+            stages, measured = (lagged_runs.ACTUATOR_LAG.name, lagged_runs.DELAY.name), flight.input.measured
             lags_s, delays_s = ((0.0,), INSTRUMENT_DELAYS_S) if measured else (INSTRUMENT_LAGS_S, (0.0,))
-            columns = [moving(dict(zip(names, values, strict=True))) for values in product(lags_s, delays_s)]
+            columns = [moving(dict(zip(stages, values, strict=True))) for values in product(lags_s, delays_s)]
         else:
             columns = [references(flight, rule, *BY_AXIS[ALONG.index(self.name)])]
         texts = self.instruments_of
