@@ -47,8 +47,7 @@ def test_python_example(number, tmp_path, monkeypatch, capsys):
     shutil.copy(str(example), tmp_path / "flight.ulg")
     scope: dict[str, object] = {}
     exec(compile(blocks(README, "python")[number], f"README.md, block {number + 1}", "exec"), scope)  # noqa: S102
-    printed = capsys.readouterr().out
-    assert "viscous_friction" in printed
+    assert "viscous_friction" in capsys.readouterr().out
     if number == 0:
         assert scope["fit"].verdict.status.value == "identified"
     else:

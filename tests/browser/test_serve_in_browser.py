@@ -94,8 +94,7 @@ def nothing_stands_in_the_way(page):
 def nothing_went_wrong(page, server):
     current = server.url.partition("?")[0]
     assert [url for url in page.asked if not url.startswith((current, f"blob:{current}", "data:"))] == []
-    assert page.said == []
-    assert page.evaluate("broken") == []
+    assert (page.said, page.evaluate("broken")) == ([], [])
 
 
 def test_a_log_is_dropped_and_its_verdict_comes_back(served, server, log, result, tmp_path):

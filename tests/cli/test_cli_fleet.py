@@ -30,8 +30,7 @@ def test_query_prints_and_writes(eivor, monkeypatch, tmp_path):
     assert eivor("fleet", "query", fleet, "gain").out.count("3.067e-06") == 4
     monkeypatch.setenv("COLUMNS", "100")
     run = eivor("fleet", "query", fleet)
-    assert run.code == 0
-    assert run.out.split() == ["verdict", "logs", "failed", "1", "weak", "1"]
+    assert (run.code, run.out.split()) == (0, ["verdict", "logs", "failed", "1", "weak", "1"])
     run = eivor("fleet", "query", fleet, "gain", "--csv", "-")
     assert run.out.splitlines()[1].startswith("vertical,,2026-05-01T12:00:00.000000+0000,a,3.067e-6,")
     run = eivor("fleet", "query", fleet, "gain", "--csv", tmp_path / "gain.csv")

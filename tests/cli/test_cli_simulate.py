@@ -85,8 +85,7 @@ def test_a_whole_vehicle_flies(eivor, tmp_path):
     names = {"angular_rate_x", "attitude_w", "torque_setpoint_z", "rotor_command_4", "input"}
     assert names <= set(log.channels)
     truth = json.loads((tmp_path / "all.json").read_text(encoding="utf-8"))
-    assert truth["lag_up"] == 0.035
-    assert truth["torque_gains"][0] == pytest.approx(1.39e-5 / 0.0153)
+    assert (truth["lag_up"], truth["torque_gains"][0]) == (0.035, pytest.approx(1.39e-5 / 0.0153))
     (tmp_path / "slow.toml").write_text(text + "[logged]\nsetpoint_hz = 50.0\n", encoding="utf-8")
     assert eivor("simulate", "slow.toml", "-o", "slow.parquet").code == 0
     assert ev.read_log(tmp_path / "slow.parquet").channel("input").rate_hz == pytest.approx(50.0)

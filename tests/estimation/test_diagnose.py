@@ -191,8 +191,7 @@ def test_a_gain_that_changes_is_told_with_its_time():
 def test_a_wrong_declared_noise_is_told():
     made = signals(7, 20_000)
     wrong = replace(made, noise={**made.noise, "input": ev.WhiteNoise(std=0.0)})
-    result = diagnosed(wrong)
-    assert any("disagree" in reason.sentence for reason in result.reasons)
+    assert any("disagree" in reason.sentence for reason in diagnosed(wrong).reasons)
     assert not any("disagree" in reason.sentence for reason in diagnosed(made).reasons)
 
 

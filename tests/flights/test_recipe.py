@@ -68,8 +68,7 @@ def test_an_excited_flight_is_identified_and_its_intervals_hold_the_truth(fit):
         # Three half-widths: seven intervals of 95 % would otherwise miss one now and then.
         half = 3.0 * max(0.5 * (high - low), 1e-12)
         assert abs(fit.quantities[name].value - value) <= half, name
-    assert fit.method == "reference_iv"
-    assert fit.instruments == "reference_position_z, reference_velocity_z"
+    assert (fit.method, fit.instruments) == ("reference_iv", "reference_position_z, reference_velocity_z")
     assert fit.window_s == pytest.approx((0.0, 29.99))
     # the interval of the hover input, which is that of one flight's conditions, is four percent wide
     floor = fit.quantities["hover_input"].systematic_uncertainties[-1]
@@ -151,8 +150,7 @@ def test_without_a_reference_the_numbers_are_provisional(log):
     result = ev.identify_flight(changed(log, "reference_position_z", "reference_velocity_z"))
     assert result.verdict.status is ev.Status.PROVISIONAL
     assert "No reference can serve as an instrument (the log has none)" in result.verdict.sentences[0]
-    assert result.method == "least_squares"
-    assert result.instruments == "none"
+    assert (result.method, result.instruments) == ("least_squares", "none")
     (hover,) = [name for name, status in statuses(result).items() if status != "provisional"]
     assert hover == "hover_input"  # thrust is the weight: no instrument is needed
     figures = {figure.name: figure for figure in result.figures}

@@ -195,8 +195,7 @@ def test_the_channels_and_numbers_of_the_binary_log(read, flight_text, monkeypat
         np.testing.assert_array_equal(written.channels[name].values, channel.values, err_msg=name)
         assert written.channels[name].source == channel.source
     assert (written.format, written.frame, written.vehicle) == ("dataflash", binary.frame, "rotary wing")
-    assert written.parameters == binary.parameters
-    assert written.findings == binary.findings
+    assert (written.parameters, written.findings) == (binary.parameters, binary.findings)
 
 
 @pytest.mark.parametrize("names", [{"3": "Auto", "0": "STABILIZE"}, {"3": "Auto", "0": "0"}])

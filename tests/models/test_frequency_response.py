@@ -135,8 +135,7 @@ def test_models_find_order_lag_and_delay(swept):
             assert high > low
     assert orders.count(2) >= 6
     assert np.mean(held) > 0.75
-    poles = models.by_order[4].poles
-    assert poles.size == 4
+    assert models.by_order[4].poles.size == 4
     with pytest.raises(errors.UsageError, match="orders out of 1, 2, 3 and 4"):
         ev.transfer_functions(result, orders=(5,))
 

@@ -276,19 +276,16 @@ def test_everything_is_read(loaded):
     assert vehicle.yaw_inertia_ratio == vehicles.KnownNumber(1.8)
     assert vehicle.delay == vehicles.KnownNumber(0.004, 0.001)
     assert (vehicle.gyro_cutoff_hz, vehicle.accelerometer_cutoff_hz) == (80.0, 30.0)
-    assert vehicle.arm == pytest.approx(0.2)
-    assert vehicle.arm_scale == vehicles.KnownNumber(1.0, 0.01)
+    assert (vehicle.arm, vehicle.arm_scale) == (pytest.approx(0.2), vehicles.KnownNumber(1.0, 0.01))
     assert vehicle.speed_scale == vehicles.KnownNumber(0.10472)
-    assert vehicle.torque_ratio == vehicles.KnownNumber(0.016)
-    assert vehicle.thrust_map == "mixed:0.3"
+    assert (vehicle.torque_ratio, vehicle.thrust_map) == (vehicles.KnownNumber(0.016), "mixed:0.3")
 
 
 @pytest.mark.parametrize("spins", ['["ccw", "ccw", "cw", "cw"]', "[-1, -1, 1, 1]"])
 def test_rotors_one_by_one(loaded, spins):
     vehicle = loaded(rotors=f"{EACH}spins = {spins}\npositions_std = 0.02")
     assert vehicle.positions == ((0.1, -0.1), (-0.1, 0.1), (0.1, 0.1), (-0.1, -0.1))
-    assert vehicle.spins == (-1, -1, 1, 1)
-    assert vehicle.arm_scale == vehicles.KnownNumber(1.0, 0.02)
+    assert (vehicle.spins, vehicle.arm_scale) == ((-1, -1, 1, 1), vehicles.KnownNumber(1.0, 0.02))
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import runpy
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -406,8 +407,32 @@ def test_intervals_reach_to_estimates_by_each_of_two_responses_that_disagree(dri
     fit = ev.identify_flight(ev.recording_from_columns(late), model="rover")
     sentence = ev.load_machine("rover").abilities.sensors.sentence(fit.fit.sensors)
     assert sentence.startswith("Of the responses forward_acceleration is 5")
-    low, high = fit.quantities["effective_lag"].interval
-    assert low < truth["actuator_lag"] + truth["delay"] < high
+    lag = fit.quantities["effective_lag"].interval
+    assert lag[0] < truth["actuator_lag"] + truth["delay"] < lag[1]
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_responses_of_each_of_several_equations_are_compared():
+    step_s, axes, channels, signals, truth = 0.01, {}, {}, {}, {"actuator_lag": 0.08, "delay": 0.02}
+    for seed, (name, drag, gain) in enumerate((("x", 0.5, 1.5), ("y", 0.8, 1.0))):
+        asked = held(np.random.default_rng(seed), 3000, step_s, 1.0, (0.4, 1.2))
+        channels[f"a{name}"] = {"unit": "m/s^2", "role": "response"}
+        channels |= {f"v{name}": "m/s", f"f{name}": ev.input("N"), f"r{name}": ev.reference("m/s")}
+        terms = {f"d{name}": f"-v{name}", f"g{name}": ev.behind(f"f{name}", "drive")}
+        responses = [f"a{name}", f"ddt(v{name})"]
+        axes[name] = {"response": responses, "references": [f"r{name}"], "terms": terms}
+        force = partial(lambda v, r, t, seen: 2.0 * (r[round(t / 0.01)] - seen[v]), f"v{name}", asked)
+        signals |= {f"f{name}": force, f"r{name}": asked}
+        truth |= {f"d{name}": drag, f"g{name}": gain}
+    drives = {"drive": ev.actuator(lag_s=(0.002, 0.2), delay_s=(0.0, 0.05))}
+    machine = ev.machine("gantry", channels=channels, axes=axes, actuators=drives)
+    errors = {"noise": {"vx": 0.01, "vy": 0.01, "ax": 0.1, "ay": 0.1}, "disturbance": (0.1, 0.3)}
+    columns = machine.simulate(truth, signals, seconds=30.0, step_s=step_s, **errors)
+    more = ev.recording_from_columns(columns | {"ay": 1.2 * columns["ay"]})
+    fit = ev.identify_flight(more, model=machine)
+    assert [item.instruments.shape[1] for item in fit.fit.problem.columns] == [6, 6]
+    assert "Of the responses ay reads" in " ".join(fit.fit.motion_checks.by_response)
+    assert fit.quantities["gy"].interval[0] < truth["gy"] < fit.quantities["gy"].interval[1]
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -607,8 +632,7 @@ def test_a_file_and_python_declare_the_same(tmp_path):
     )
     assert (in_python.axes, in_python.activity) == (of_file.axes, of_file.activity)
     assert in_python.quantities == of_file.quantities
-    assert of_file.quantities["L_p"].unit == "1/s"
-    assert of_file.quantities["time_constant"].unit == "s"
+    assert (of_file.quantities["L_p"].unit, of_file.quantities["time_constant"].unit) == ("1/s", "s")
     assert of_file.equation[0] == "ddt(p) = L_p (2 * p) + L_da aileron + b"
 
 
@@ -632,8 +656,7 @@ def test_the_unit_of_a_root_is_read_back():
 
 def test_machines_are_listed_shown_and_begun(tmp_path):
     run = CliRunner().invoke
-    listed = run(app, ["machine", "list"]).output
-    assert all(name in listed for name in shipped_machines())
+    assert all(name in run(app, ["machine", "list"]).output for name in shipped_machines())
     assert run(app, ["machine", "show", "rover"]).output == machine_text("rover")
     new = tmp_path / "mine.toml"
     assert run(app, ["machine", "new", str(new), "--like", "servo"]).exit_code == 0

@@ -496,5 +496,4 @@ def test_friction_at_the_speeds_of_a_flight_is_not_compared():
 def test_a_vehicle_comes_back_from_a_result():
     numbers = {"mass": KnownNumber(0.03, 0.001), "arm_scale": KnownNumber(1.0)}
     vehicle = replace(BODY.vehicle, thrust_map="linear", **numbers)
-    record = asdict(vehicle)
-    assert vehicle_from_record(json.loads(json.dumps(record))) == vehicle
+    assert vehicle_from_record(json.loads(json.dumps(asdict(vehicle)))) == vehicle

@@ -253,8 +253,7 @@ def test_each_channel_has_a_panel_with_its_unit():
         "velocity z' [m/s]",
         "specific force z'' + g [m/s²]",
     ]
-    assert figure.axes[-1].get_xlabel() == "time t [s]"
-    assert figure.axes[0].lines[0].get_xdata()[0] == 3.0
+    assert (figure.axes[-1].get_xlabel(), figure.axes[0].lines[0].get_xdata()[0]) == ("time t [s]", 3.0)
     assert inside(figure)
 
 

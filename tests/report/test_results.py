@@ -132,8 +132,7 @@ def test_frames_hold_every_quantity(fit, still):
 
 def test_results_travel_to_other_processes(fit):
     for result in (fit, fit.estimate, ev.diagnose(fit.estimate), fit.prepared[0].recording):  # type: ignore[arg-type]
-        back = travelled(result)
-        assert repr(back) == repr(result)
+        assert repr(travelled(result)) == repr(result)
     assert "\n" not in repr(fit)
     assert "identified" in repr(fit)
     back = travelled(fit)

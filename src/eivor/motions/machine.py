@@ -487,7 +487,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
         test = machine_verdict.ResidualTest.of(problem, estimate)
         return MachineChecks(
             machine_verdict.answers(test, problem, flights),
-            machine_verdict.estimates_by_response(problem, self.derive),
+            machine_verdict.estimates_by_response(problem, self.axes, self.derive),
             machine_verdict.missed_term(test, problem, estimate, self.axes),
         )
 
@@ -540,7 +540,7 @@ class Machine(DeclaredMotion[LaggedRuns]):
         """Commands between those logged, responses that disagree, a missed term, parameters that change."""
         clock = (verdict.clock_part((*LAGS, EFFECTIVE_LAG)),) if self.has_lag else ()
         names, derived = (*self.quantities,), {item.name: item.of for item in self.derived}
-        return (*clock, *machine_verdict.parts(names, derived, self.axes[0].response))
+        return (*clock, *machine_verdict.parts(names, derived))
 
     def view(self, flight: PreparedFlight) -> FlightView:
         behind = " behind a lag τ and a delay d" if self.has_lag else ""

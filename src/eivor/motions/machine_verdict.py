@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import chain
 from operator import itemgetter
 from typing import Any
 
@@ -125,7 +126,8 @@ class MachineChecks(verdict.MotionChecks):
     """References that respond to disturbances, responses that disagree, and a term that is missed."""
 
     answers: Mapping[str, float]
-    by_response: tuple[Mapping[str, float], ...] = ()  # Quantities by each of two that disagree, alone
+    #: Quantities by each alone of two responses that disagree, by how they do.
+    by_response: Mapping[str, Sequence[Mapping[str, float]]] = field(default_factory=dict)
     missed: MissedTerm | None = None
 
     @property
@@ -248,18 +250,29 @@ def response_agreement(problem: LaggedRuns, _flights: Flights = ()) -> SensorAgr
 
 
 def estimates_by_response(
-    problem: LaggedRuns, derive: Callable[[LaggedRuns, Estimate], Mapping[str, QuantityEstimate]]
-) -> tuple[Mapping[str, float], ...]:
-    """Quantities by each of two responses alone, where these disagree."""
-    agreement, results = response_agreement(problem), list[Mapping[str, float]]()
-    if agreement is None or not (agreement.significant or agreement.otherwise):
-        return ()
-    for k in range(2):
-        columns = tuple(replace(item, responses=item.responses[:, [k]]) for item in problem.columns)
-        alone = replace(problem, columns=columns)
-        quantities = derive(alone, identify(alone, reference_iv()))
-        results.append({name: item.value for name, item in quantities.items()})
-    return tuple(results)
+    problem: LaggedRuns,
+    axes: Sequence[AxisEquation],
+    derive: Callable[[LaggedRuns, Estimate], Mapping[str, QuantityEstimate]],
+) -> dict[str, Sequence[Mapping[str, float]]]:
+    """Quantities by each of two responses of an equation alone, where these disagree, by how they do."""
+    results: dict[str, Sequence[Mapping[str, float]]] = {}
+    for number in problem.axes:
+        if len(axes[number].response) < 2:
+            continue
+        own = replace(problem, columns=tuple(item for item in problem.columns if item.axis == number))
+        agreement, estimates = response_agreement(own), list[Mapping[str, float]]()
+        if agreement is None or not (agreement.significant or agreement.otherwise):
+            continue
+        for k in range(2):
+            columns = [
+                replace(item, responses=item.responses[:, [k]]) if item.axis == number else item
+                for item in problem.columns
+            ]
+            alone = replace(problem, columns=tuple(columns))
+            quantities = derive(alone, identify(alone, reference_iv()))
+            estimates.append({name: item.value for name, item in quantities.items()})
+        results[difference_sentence(axes[number].response, agreement)] = estimates
+    return results
 
 
 def difference_sentence(response: tuple[str, ...], agreement: SensorAgreement | None) -> str:
@@ -360,9 +373,7 @@ def missed_term(
 # -- Systematic parts --
 
 
-def parts(
-    quantities: tuple[str, ...], derived: Mapping[str, str], response: tuple[str, ...]
-) -> tuple[verdict.SystematicPart, ...]:
+def parts(quantities: tuple[str, ...], derived: Mapping[str, str]) -> tuple[verdict.SystematicPart, ...]:
     """Rows of other estimates that intervals reach to: by each response, with a missed term, of each side."""
 
     def reaches(others: Callable[[verdict.VerdictInputs], Sequence[Mapping[str, float]]]) -> Any:
@@ -380,8 +391,8 @@ def parts(
         verdict.SystematicPart(
             quantities,
             Counts.ADDED,
-            reaches(lambda inputs: inputs.checks.by_response),
-            lambda inputs: f"{difference_sentence(response, inputs.sensors)} {alone}",
+            reaches(lambda inputs: [*chain(*inputs.checks.by_response.values())]),
+            lambda inputs: " ".join([*inputs.checks.by_response, alone]),
         ),
         verdict.SystematicPart(
             quantities,

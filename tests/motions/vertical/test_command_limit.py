@@ -42,8 +42,7 @@ def test_a_limit_is_measured_and_commands_enter_within_it(kind, unlogged):
     flight = logged_flight(spec)
     result = identify_flight(flight.recording)
     assert kind in [item.name for item in result.findings]
-    limit = vehicle.slew or vehicle.ceiling
-    assert result.diagnostics[kind] == pytest.approx(limit, rel=0.1)
+    assert result.diagnostics[kind] == pytest.approx(vehicle.slew or vehicle.ceiling, rel=0.1)
     truth = flight.flown.effective(result.prepared[0].grid.time_s, result.prepared[0].used)
     for name in ("viscous_friction", "input_gain"):
         low, high = result.quantities[name].interval
