@@ -494,8 +494,7 @@ def test_hover_tells_nothing_when_nothing_is_known_of_the_intercept(hover):
     assert result.precise_moments == ()
     assert "wider than ±20 %" in " ".join(untold(result))
     assert "only movement identifies" in result.known[1]
-    figure = track_figure(result)
-    assert "reported at no moment" in figure.get_suptitle()
+    assert "reported at no moment" in track_figure(result).get_suptitle()
 
 
 @pytest.mark.thorough

@@ -100,7 +100,7 @@ def test_no_number_is_broken(name: str, width: int, request: pytest.FixtureReque
 def test_the_card_comes_first_in_words_and_in_colour(fit: FlightEstimate) -> None:
     document = on_terminal(log_documents(LogEstimate({"motion": fit}))[0])
     shown = _text(document, 80).splitlines()
-    assert shown[1:4:2] == ["Viscous friction 0.186 [0.132, 0.210] 1/s", "Identified"]
+    assert shown[1:4:2] == ["Viscous friction 0.186 [0.136, 0.205] 1/s", "Identified"]
     assert "\x1b[1;32mIdentified" in _text(document, 80, colour=True)
 
 

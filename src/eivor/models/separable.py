@@ -26,7 +26,7 @@ REFERENCE_LAGS = {
     "pilot_throttle": (4, 0.4),
 }
 DEFAULT_LAGS = (1, 0.2)
-LONE_LAGS = (4, 0.4)
+LONE_LAGS = (6, 0.2)
 
 
 class InstrumentRule(ABC):

@@ -326,8 +326,7 @@ def test_the_mean_command_of_uneven_rotors_is_measured():
         for n, share in enumerate((1.25, 0.75), 1)
     }
     flight = prepare_vertical(changed(log, **each), ev.FlightOptions())
-    measured = mean_command(flight)
-    assert measured == pytest.approx((1.0 + 0.25**2) ** -0.5, rel=1e-6)
+    assert mean_command(flight) == pytest.approx((1.0 + 0.25**2) ** -0.5, rel=1e-6)
 
 
 def at_least(intercept, **changed):

@@ -243,6 +243,7 @@ ABILITIES = motion.Abilities(
     excitation=excitation,
     findings=flight_findings,
     figures=key_figures,
+    profiled=True,
     lag_from=("rates",),
 )
 
