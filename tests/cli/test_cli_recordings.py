@@ -43,20 +43,20 @@ def test_of_a_hover_the_hover_input_alone_is_identified(eivor, recordings):
 
 @pytest.mark.thorough
 def test_a_given_lag_tells_the_friction_of_a_flight(eivor, recordings):
-    """Alone it is known to a quarter of a second: with 65 ms, to 15 ms, the friction has an interval."""
+    """Alone it is not known to a quarter of a second: with 65 ms, to 15 ms, the friction has an interval."""
     path = recordings / "nanobench" / "B9_trefoil_fast_rep14.csv"
     given = _document(eivor("identify", path, "--lag", "65:15", "--json", "-"))
     friction = given["parameters"]["viscous_friction"]
     assert friction["verdict"] == "weak"
     assert 0.15 < friction["value"] < 0.7
     # by its random part it is above 0.1; what is systematic takes a part of that, not its sign
-    ((low, _),) = friction["sets"]["wald"]
+    ((low, _),) = friction["sets"]["profile"]
     assert low > 0.1
     assert 0.0 < friction["interval"][0] < low
     low, high = given["given_lag"]["alone_interval"]
     assert high - low > 3 * 2 * 0.015
     low, high = _document(eivor("identify", path, "--json", "-"))["derived"]["effective_lag"]["interval"]
-    assert high - low > 0.2
+    assert high is None or high - low > 0.2  # longer than any that is searched
 
 
 @pytest.mark.thorough

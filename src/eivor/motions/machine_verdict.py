@@ -259,8 +259,8 @@ def estimates_by_response(
     for number in problem.axes:
         if len(axes[number].response) < 2:
             continue
-        own = replace(problem, columns=tuple(item for item in problem.columns if item.axis == number))
-        agreement, estimates = response_agreement(own), list[Mapping[str, float]]()
+        of_axis = replace(problem, columns=tuple(item for item in problem.columns if item.axis == number))
+        agreement, estimates = response_agreement(of_axis), list[Mapping[str, float]]()
         if agreement is None or not (agreement.significant or agreement.otherwise):
             continue
         for k in range(2):
