@@ -33,8 +33,8 @@ BOUNDS = {
     "imports of the package inside functions": 0,
     "imports of the package for type checking only": 0,
     "files": 194,
-    "lines": 63_534,
-    "lines of code without docstrings and imports": 42_613,  # And 41,000
+    "lines": 63_539,
+    "lines of code without docstrings and imports": 42_617,  # And 41,000
     "files of fewer than 60 lines": 2,
     "files of more than 900 lines": 0,
     "files in the largest folder": 19,
@@ -42,7 +42,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_996, "lines of tests": 35_991}
+PROJECT_BOUNDS = {"lines of `validation/`": 8_996, "lines of tests": 35_999}
 
 
 def lint_imports(source):

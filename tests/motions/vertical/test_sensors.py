@@ -263,6 +263,14 @@ def test_a_velocity_that_is_not_logged_is_the_slope_of_the_height(log_left):
         assert alone.quantities[name].interval[0] < true < alone.quantities[name].interval[1], name
 
 
+def test_thrust_that_falls_in_descent_widens_the_friction(log_left):
+    speed = log_left.channels["velocity_z"].values
+    fit = ev.identify_flight(commanded(log_left, lambda U: U + 2.0 / GAIN * np.maximum(-speed, 0.0)))
+    assert -2.2 < fit.diagnostics["left_out_thrust_in_descent"] < -1.6
+    assert fit.diagnostics["left_out_thrust_in_descent_p_value"] < 1e-6
+    assert fit.quantities["viscous_friction"].interval[1] > FRICTION
+
+
 def terms_of(log_left, method=None):
     chosen = method or reference_iv()
     flights = (prepare(log_left, VERTICAL, FlightOptions()),)

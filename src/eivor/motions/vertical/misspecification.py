@@ -40,6 +40,8 @@ PREFIX = "left_out_"
 #: A term is missed below this p-value; a change with the supply widens intervals below the other.
 MISSED, DOUBTFUL = 0.005, 0.05
 CURVATURE = "thrust_curvature"
+#: Name of the test of thrust that changes in descent, in the air of the rotors.
+DESCENT = "thrust_in_descent"
 #: Name of the test of clocks that drift apart: a lag that grows through a flight.
 CLOCK_DRIFT = "clock_drift"
 #: Terms whose coefficients are reported as shares of the gain.
@@ -56,6 +58,7 @@ _TERMS: dict[str, tuple[str, Callable[[Mapping[str, np.ndarray]], Float[np.ndarr
     regression.DRAG: ("velocity_z", regression.QUADRATIC_DRAG.expression.evaluate),
     regression.GROUND: (RADII, lambda of: np.maximum(of[RADII], LEAST_HEIGHT) ** -2.0),
     CURVATURE: ("mean", lambda of: of["mean"] * (of[MAPPED] / of["mean"] - 1.0) ** 2),
+    DESCENT: ("velocity_z", lambda of: np.maximum(-of["velocity_z"], 0.0)),
     SUPPLY: (VOLTAGE_SHARE, lambda of: of[MAPPED] * of[VOLTAGE_SHARE]),
     # K_u U(t - r t) is K_u (U - r t U') nearly
     CLOCK_DRIFT: ("time", lambda of: -of["time"] * np.gradient(of[MAPPED], of["time"])),
@@ -212,9 +215,10 @@ class OmittedTerms:
         if name == regression.DRAG:
             drag = f"a drag of {value:.2g} ± {half:.2g} 1/m times the squared speed"
             return f"{drag} is missed: K is that of these speeds"
-        if name == regression.GROUND:
-            verb = "grows" if value > 0.0 else "falls"
-            return f"thrust {verb} towards the ground, as if the ground were near"
+        if name in (regression.GROUND, DESCENT):
+            verb, near = "grows" if value > 0.0 else "falls", "towards the ground, as if the ground were near"
+            descent = f"by {abs(value):.2g} ± {half:.2g} m/s² for each m/s of descent"
+            return f"thrust {verb} {descent if name == DESCENT else near}"
         if name == CURVATURE:
             sign = "more" if value > 0.0 else "less"
             by = f"{value:+.2g} ± {half:.2g} times the squared share of the input beyond its mean"

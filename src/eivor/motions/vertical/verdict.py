@@ -377,6 +377,7 @@ PARTS = (
     ),
     verdict.SystematicPart((GAIN,), Counts.AT_LEAST, _secant, _secant_sentence),
     _missed(misspecification.CURVATURE, "Have it in the equation by --input-map fit."),
+    _missed(misspecification.DESCENT, "Descend more slowly, or forward, out of the air of the rotors."),
     _missed(GROUND, "Fly four radii of a rotor and more over the ground, or add --term ground-effect."),
     verdict.SystematicPart(
         (GAIN,),
