@@ -42,7 +42,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_996, "lines of tests": 35_999}
+PROJECT_BOUNDS = {"lines of `validation/`": 8_996, "lines of tests": 36_000}
 
 
 def lint_imports(source):

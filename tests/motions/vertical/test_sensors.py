@@ -293,7 +293,8 @@ def with_channel(log, name, values, time_s=None):
 @pytest.mark.thorough
 def test_nothing_is_missed_where_the_model_holds(log_left):
     terms = terms_of(with_channel(log_left, "position_z", log_left.channels["reference_position_z"].values))
-    assert " ".join(terms) == "quadratic_drag ground_effect thrust_curvature supply clock_drift"
+    names = "quadratic_drag ground_effect thrust_curvature thrust_in_descent supply clock_drift"
+    assert " ".join(terms) == names
     assert min(term.p_value for term in terms.values()) > 0.005
     ((title, sentence),) = OmittedTerms(terms).report
     assert title == "left out"
