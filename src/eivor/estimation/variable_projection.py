@@ -177,7 +177,8 @@ def minimised(
     if any(nuisance.prior for nuisance in unknown):
         # In units of the best fit to the data alone, and then of where that has led.
         scale = unit(values_at(points[int(np.argmin(fit_objectives))]))
-        scale = scale if coarse else unit(values_at(from_grid(scale)[0].point))
+        if not coarse:
+            scale = unit(values_at(from_grid(scale)[0].point))
     best, objective = from_grid(scale)
     return values_at(best.point), best.solution, profiles_of(unknown, objective)
 

@@ -257,18 +257,17 @@ def estimates_by_response(
     """Quantities by each of two responses of an equation alone, where these disagree, by how they do."""
     results: dict[str, Sequence[Mapping[str, float]]] = {}
     for number in problem.axes:
-        if len(axes[number].response) < 2:
-            continue
-        of_axis = replace(problem, columns=tuple(item for item in problem.columns if item.axis == number))
+        columns = tuple(item for item in problem.columns if item.axis == number)
+        of_axis = problem if len(problem.axes) == 1 else replace(problem, columns=columns)
         agreement, estimates = response_agreement(of_axis), list[Mapping[str, float]]()
         if agreement is None or not (agreement.significant or agreement.otherwise):
             continue
         for k in range(2):
-            columns = [
+            by_one = tuple(
                 replace(item, responses=item.responses[:, [k]]) if item.axis == number else item
                 for item in problem.columns
-            ]
-            alone = replace(problem, columns=tuple(columns))
+            )
+            alone = replace(problem, columns=by_one)
             quantities = derive(alone, identify(alone, reference_iv()))
             estimates.append({name: item.value for name, item in quantities.items()})
         results[difference_sentence(axes[number].response, agreement)] = estimates

@@ -216,9 +216,9 @@ class OmittedTerms:
             drag = f"a drag of {value:.2g} ± {half:.2g} 1/m times the squared speed"
             return f"{drag} is missed: K is that of these speeds"
         if name in (regression.GROUND, DESCENT):
-            verb, near = "grows" if value > 0.0 else "falls", "towards the ground, as if the ground were near"
+            near = "towards the ground, as if the ground were near"
             descent = f"by {abs(value):.2g} ± {half:.2g} m/s² for each m/s of descent"
-            return f"thrust {verb} {descent if name == DESCENT else near}"
+            return f"thrust {'grows' if value > 0.0 else 'falls'} {descent if name == DESCENT else near}"
         if name == CURVATURE:
             sign = "more" if value > 0.0 else "less"
             by = f"{value:+.2g} ± {half:.2g} times the squared share of the input beyond its mean"
